@@ -89,7 +89,13 @@ def items():
 
 
 def resolve(name, near, all_items):
-    """The item of this name that the code of `near` means."""
+    """The item of this name that the code of `near` means, or the one that it is read as."""
+    found = meant(name, near, all_items)
+    read_as = found and re.search(r'try_from = "(\w+)"', found.attributes)
+    return resolve(read_as[1], found, all_items) if read_as else found
+
+
+def meant(name, near, all_items):
     own = all_items.get((near.file, name))
     candidates = [item for (_, other), item in all_items.items() if other == name]
     if own or len(candidates) <= 1:
@@ -209,7 +215,10 @@ def tables(source):
         if is_row and begin is None:
             begin = number
         elif not is_row and begin is not None:
-            yield "\n".join(lines[begin:number]), "\n".join(lines[number : number + 14])
+            rest = "\n".join(lines[number : number + 14])
+            if named := re.search(r"(\w+)(?: = vec!|\.extend\()\[$", lines[begin - 1]):
+                rest = source[source.index(f" in {named[1]} {{") :]
+            yield "\n".join(lines[begin:number]), rest
             begin = None
 
 
@@ -254,6 +263,7 @@ def fields(item, all_items):
 
 def inner(kind):
     """The types in a type, and its name on the page."""
+    kind = re.sub(r"\bWheelList\b", "Vec<Wheel>", re.sub(r"\bVelocity\b", "[f64; 3]", kind))
     names = [
         name
         for name in re.findall(r"[A-Za-z_]\w*", kind)

@@ -48,9 +48,27 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
         ),
         (
             "robots/mecanum.toml",
-            "wheel_radius_m = 0.05",
-            "wheel_radius_m = 0.0",
-            ["mecanum.toml:", "wheel_radius_m", "greater than 0"],
+            "[wheels.mecanum]\nradius_m",
+            "[geometry]\nwheel_radius_m",
+            ["mecanum.toml:", "geometry", "expected [wheels.mecanum] with radius_m"],
+        ),
+        (
+            "robots/mecanum.toml",
+            "track_m = 0.3 ",
+            "track_m = 0.25\nrollers = \"X\" ",
+            ["mecanum.toml:", "in every direction", "0.01"],
+        ),
+        (
+            "robots/mecanum.toml",
+            "[wheels.mecanum]",
+            "[response]\ntime_constant_s = [0.1, 0.1, 0.1]\n\n[wheels.mecanum]",
+            ["mecanum.toml:", "response", "either [response], or [body] and [drive]"],
+        ),
+        (
+            "robots/mecanum.toml",
+            "radius_m = 0.05",
+            "radius_m = 0.0",
+            ["mecanum.toml:", "radius_m", "from 0.0001"],
         ),
         (
             "graphs/local.toml",

@@ -130,22 +130,14 @@ fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> V
     messages
 }
 
-/// Wheel speeds of a body velocity, J v / r.
-fn wheels_of([forward, left, yaw]: [f64; 3], limits: &Limits) -> [f64; 4] {
-    let turn = limits.lever_m * yaw;
-    [forward + left + turn, forward - left - turn, forward + left - turn, forward - left + turn]
-        .map(|rim| rim / limits.wheel_radius_m)
+/// Wheel speeds of a body velocity.
+fn wheels_of(velocity: [f64; 3], limits: &Limits) -> Vec<f64> {
+    limits.wheels.speeds(velocity)[..limits.wheels.count()].to_vec()
 }
 
 /// The inverse.
 fn body_of(wheels: &[f64], limits: &Limits) -> [f64; 3] {
-    let &[front_right, front_left, rear_left, rear_right] = wheels else { return [0.0; 3] };
-    let quarter = limits.wheel_radius_m / 4.0;
-    [
-        quarter * (front_right + front_left + rear_left + rear_right),
-        quarter * (front_right - front_left + rear_left - rear_right),
-        quarter / limits.lever_m * (front_right - front_left - rear_left + rear_right),
-    ]
+    limits.wheels.body(&std::array::from_fn(|wheel| wheels.get(wheel).copied().unwrap_or(0.0)))
 }
 
 fn rules(messages: Vec<Message>, limits: &Limits) -> Vec<Rule> {
@@ -267,8 +259,8 @@ fn the_wheels_do_not_leap_into_the_brake_nor_out_of_it() -> Outcome {
         }
         rules(messages, &limits)
     };
-    let most = limits.rate[0] * limits.period_s / limits.wheel_radius_m;
-    let first = 54.0 - limits.brake[0] * limits.period_s / limits.wheel_radius_m;
+    let most = limits.rate[0] * limits.period_s / limits.wheels.radius_m();
+    let first = 54.0 - limits.brake[0] * limits.period_s / limits.wheels.radius_m();
     let stepped = first - 0.5 * most;
     assert!(at(50, stepped, 0).contains(&Rule::Rate), "faster than the ramp");
     assert!(!at(50, stepped, 1).contains(&Rule::Rate), "a step of the tail, then the ramp");

@@ -1,7 +1,6 @@
 //! The simulated world as a driver's base.
 
 use crate::truth::World;
-use driver::base::per_wheel;
 use driver::{Base, BaseError, Sensors, TrueState};
 
 impl Base for World {
@@ -10,8 +9,8 @@ impl Base for World {
         Ok(Sensors {
             pose: measured.pose,
             velocity: measured.velocity,
-            wheel_speed: Some(per_wheel(&measured.wheel_speed)),
-            current: Some(per_wheel(&measured.current)),
+            wheel_speed: Some(measured.wheel_speed),
+            current: Some(measured.current),
             // Like a driver that knows no dead time: the controller identifies it.
             input_delay_s: 0.0,
             estop: false,

@@ -34,7 +34,7 @@ pub fn run(
     let (start, seed, driver) = (settings.start, settings.seed, settings.driver());
     if let Some(program) = &settings.program {
         return driver::run(
-            PipedBase::start(program, start, seed)?,
+            PipedBase::start(program, settings.robot.wheels.count(), start, seed)?,
             &driver,
             ports,
             identity,

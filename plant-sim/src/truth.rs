@@ -11,9 +11,10 @@
 //! |---------------|-------------------------------------------------------------|
 //! | `parameters`  | the settings of a world, as a scenario names them           |
 //! | `check`       | which settings are possible                                 |
-//! | `geometry`    | wheels and body: J, J⁺, where the wheels stand              |
+//! | `geometry`    | wheels and body: J, where the wheels stand                  |
 //! | `dynamics`    | the equations of motion                                     |
 //! | `integrate`   | one Runge–Kutta step                                        |
+//! | `motion`      | equations and state of a robot with any number of wheels    |
 //! | `schedule`    | changes during a run                                        |
 //! | `disturbance` | the bounded random force                                    |
 //! | `delay`       | the time that a command takes from the gate to the motors   |
@@ -23,10 +24,10 @@
 //!
 //! Everything here is a function of settings, seed and inputs: no clock, thread, I/O or log. It
 //! shares no code with the model of the controller, so that an error in one does not hide in the
-//! other.
+//! other. Only the rows of J come from the crate `robot`; tests here derive them anew.
 //!
-//! SI units. The body frame is x forward, y left, yaw counter-clockwise. Wheels are in the order
-//! front-right, front-left, rear-left, rear-right.
+//! SI units. The body frame is x forward, y left, yaw counter-clockwise. Wheels are in the order of
+//! the settings.
 
 mod check;
 mod delay;
@@ -34,6 +35,7 @@ mod disturbance;
 mod dynamics;
 mod geometry;
 mod integrate;
+mod motion;
 mod parameters;
 mod preview;
 mod schedule;

@@ -13,7 +13,7 @@ fn any_truth(generator: &mut Pcg64Mcg) -> Truth {
     let patch = Patch { from_m: [0.0, -9.0], to_m: [9.0, 9.0], friction_factor: 5.0, grip_factor };
     Truth {
         drag_n_s2_per_m2: generator.random_range(0.0..5.0),
-        motor_gain: generator.random(),
+        motor_gain: generator.random::<[f64; 4]>().to_vec(),
         current_lag_s: if generator.random_bool(0.5) { 0.005 } else { 0.0 },
         speed_loop_integral_a_per_rad: generator.random_range(0.0..5.0),
         deadband_radps: generator.random_range(0.0..2.0),

@@ -18,7 +18,7 @@ fn mismatched() -> Truth {
         wheel_viscous_friction_nms: 4e-3,
         rolling_friction: 0.05,
         drag_n_s2_per_m2: 0.5,
-        motor_gain: [0.85, 1.0, 1.0, 1.0],
+        motor_gain: vec![0.85, 1.0, 1.0, 1.0],
         random_force: Some(RandomForce { bound_n: 1.0, bound_nm: 0.1, correlation_s: 0.5 }),
         ..Truth::default()
     }
@@ -135,10 +135,10 @@ fn left_and_right_are_mirror_images() {
         let truth = Truth {
             wheel_slip,
             current_lag_s: 0.01,
-            motor_gain: [0.8, 1.0, 0.9, 1.0],
+            motor_gain: vec![0.8, 1.0, 0.9, 1.0],
             ..Truth::default()
         };
-        let mirrored = Truth { motor_gain: [1.0, 0.8, 1.0, 0.9], ..truth.clone() };
+        let mirrored = Truth { motor_gain: vec![1.0, 0.8, 1.0, 0.9], ..truth.clone() };
         let mut one = World::new(&truth, Start::default(), 1);
         let mut other = World::new(&mirrored, Start::default(), 1);
         for _ in 0..20 {
@@ -154,8 +154,8 @@ fn left_and_right_are_mirror_images() {
 
 #[test]
 fn a_weak_motor_turns_the_robot_towards_its_side() {
-    let weak_right = Truth { motor_gain: [0.85, 1.0, 1.0, 1.0], ..Truth::default() };
-    let weak_left = Truth { motor_gain: [1.0, 0.85, 1.0, 1.0], ..Truth::default() };
+    let weak_right = Truth { motor_gain: vec![0.85, 1.0, 1.0, 1.0], ..Truth::default() };
+    let weak_left = Truth { motor_gain: vec![1.0, 0.85, 1.0, 1.0], ..Truth::default() };
     for (truth, sign) in [(weak_right, -1.0), (weak_left, 1.0), (Truth::default(), 0.0)] {
         let mut world = World::new(&truth, Start::default(), 1);
         world.advance(SECOND, [1.0, 0.0, 0.0]);
@@ -257,7 +257,7 @@ fn a_current_follows_the_request_with_its_lag() {
     let mut world = World::new(&truth, Start::default(), 1);
     world.advance(SECOND / 50, [0.5, 0.0, 0.0]);
     let expected = 0.5 * 0.5 / 0.05 * (1.0 - (-1.0_f64).exp());
-    for current in world.state().current {
+    for current in world.state().current.into_iter().take(4) {
         assert!((current - expected).abs() < 1e-6, "{current} for {expected}");
     }
 }

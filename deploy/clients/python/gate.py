@@ -4,10 +4,11 @@ The duties in the comments are the numbered duties of protocol/WIRE.md.
 """
 
 import math
-import re
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from wheels import Row, rows
 from wire import Command, Vector
 
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -41,13 +42,13 @@ class Limits:
     rate: Vector
     brake: Vector
     wheel_speed: float
-    wheel_radius: float
-    lever: float
+    wheels: tuple[Row, ...]
 
     @classmethod
     def read(cls, file: Path, period: float) -> "Limits":
-        entries = re.findall(r"^(\w+)\s*=\s*([-+.\deE]+)", file.read_text(), re.MULTILINE)
-        found = {key: float(value) for key, value in entries}
+        robot = tomllib.loads(file.read_text())
+        found = robot["limits"]
+        motors = robot.get("drive", {}) | robot.get("response", {})
 
         def plane_and_yaw(plane: str, yaw: str) -> Vector:
             return (found[plane], found[plane], found[yaw])
@@ -57,29 +58,18 @@ class Limits:
             input=plane_and_yaw("input_mps", "yaw_input_radps"),
             rate=plane_and_yaw("input_rate_mps2", "yaw_input_rate_radps2"),
             brake=plane_and_yaw("brake_mps2", "yaw_brake_radps2"),
-            wheel_speed=found["wheel_speed_limit_radps"],
-            wheel_radius=found["wheel_radius_m"],
-            lever=found["half_wheelbase_m"] + found["half_track_m"],
+            wheel_speed=motors.get("wheel_speed_limit_radps", math.inf),
+            wheels=rows(robot["wheels"]),
         )
 
-    def wheels(self, velocity: Vector) -> tuple[float, ...]:
-        """Wheel speeds for a body velocity [rad/s].
-
-        Order: front-right, front-left, rear-left, rear-right.
-        """
-        forward, left, turn = velocity[0], velocity[1], self.lever * velocity[2]
-        rims = (
-            forward + left + turn,
-            forward - left - turn,
-            forward + left - turn,
-            forward - left + turn,
-        )
-        return tuple(rim / self.wheel_radius for rim in rims)
+    def wheel_speeds(self, velocity: Vector) -> tuple[float, ...]:
+        """Wheel speeds for a body velocity, in the order of the robot file [rad/s]."""
+        return tuple(sum(by * part for by, part in zip(row, velocity)) for row in self.wheels)
 
     def allow(self, velocity: Vector) -> bool:
         within = all(abs(value) <= limit * ROUNDING for value, limit in zip(velocity, self.input))
         wheel_limit = self.wheel_speed * ROUNDING
-        return within and all(abs(wheel) <= wheel_limit for wheel in self.wheels(velocity))
+        return within and all(abs(wheel) <= wheel_limit for wheel in self.wheel_speeds(velocity))
 
     def allow_step(self, before: Vector, after: Vector) -> bool:
         steps = zip(before, after, self.rate)

@@ -111,7 +111,7 @@ class Driver:
         self.gate.begin(tick, now)
         last = self.gate.stored
         accepted = (last.stamp.epoch, last.stamp.epoch, last.stamp.tick) if last else (0, 0, 0)
-        wheels, none = (*self.limits.wheels(velocity), 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
+        wheels, none = (*self.limits.wheel_speeds(velocity), 0.0, 0.0, 0.0, 0.0), (0.0,) * 8
         # Four wheels; their speeds are valid, their currents are not.
         measured, valid = (pose, velocity, wheels, none), (len(wheels) - 4, 1, 0)
         gate = (

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import gate
 from gate import ZERO, Gate, Limits
+from wheels import rows
 from wire import Command, Stamp
 
 T = 0.1
@@ -176,8 +177,9 @@ class Duties(unittest.TestCase):
         file = json.loads((Path(__file__).parents[3] / "protocol/vectors/gate.json").read_text())
         period, robot = file["period_ms"] / 1e3, file["robot"]
         vectors = (tuple(robot[key]) for key in ("input", "rate", "brake"))
-        scalars = (robot[key] for key in ("wheel_speed", "wheel_radius", "lever"))
-        limits = Limits(period, *vectors, *scalars)
+        shape = {"radius_m": robot["wheel_radius"], "wheelbase_m": robot["lever"]}
+        wheels = rows({"mecanum": shape | {"track_m": robot["lever"]}})
+        limits = Limits(period, *vectors, robot["wheel_speed"], wheels)
         for case in file["cases"]:
             with self.subTest(case["name"]):
                 tried = Gate(limits, file["plant_epoch"], 0.0, case.get("armed", True))

@@ -41,9 +41,7 @@ impl Truth {
         positive("mass_kg", self.mass_kg)?;
         positive("yaw_inertia_kg_m2", self.yaw_inertia_kg_m2)?;
         not_negative("wheel_inertia_kg_m2", self.wheel_inertia_kg_m2)?;
-        positive("wheel_radius_m", self.wheel_radius_m)?;
-        positive("half_track_m", self.half_track_m)?;
-        positive("half_wheelbase_m", self.half_wheelbase_m)?;
+        require(self.wheels.count() > 0, "wheels", "known wheels: no twist")?;
         not_negative("wheel_viscous_friction_nms", self.wheel_viscous_friction_nms)?;
         not_negative("rolling_friction", self.rolling_friction)?;
         positive("rolling_friction_speed_scale_radps", self.rolling_friction_speed_scale_radps)?;
@@ -57,9 +55,15 @@ impl Truth {
     }
 
     fn check_motors(&self) -> Verdict {
-        for (wheel, gain) in self.motor_gain.into_iter().enumerate() {
-            motor_gain(&format!("motor_gain.{wheel}"), gain)?;
+        for (wheel, gain) in self.motor_gain.iter().enumerate() {
+            motor_gain(&format!("motor_gain.{wheel}"), *gain)?;
         }
+        let wheels = self.wheels.count();
+        require(
+            self.motor_gain.len() <= wheels,
+            "motor_gain",
+            &format!("at most {wheels} numbers, one for each wheel"),
+        )?;
         positive("pole_pairs", self.pole_pairs)?;
         positive("torque_constant_nm_per_a", self.torque_constant_nm_per_a)?;
         not_negative("speed_loop_gain_a_s_per_rad", self.speed_loop_gain_a_s_per_rad)?;
@@ -76,7 +80,7 @@ impl Truth {
         )?;
         let limit = self.wheel_speed_limit_radps;
         require(
-            limit > 0.0 && limit * self.wheel_radius_m <= TOP_SPEED_MPS,
+            limit > 0.0 && limit * self.wheels.radius_m() <= TOP_SPEED_MPS,
             "wheel_speed_limit_radps",
             "positive, and at most 50 m/s at the rim",
         )?;
@@ -145,8 +149,9 @@ impl Truth {
             not_negative("payload.at_s", payload.at_s)?;
             later("payload.until_s", payload.until_s, payload.at_s)?;
             let [forward, left] = payload.offset_m.map(f64::abs);
+            let [ahead, side] = self.wheels.half_extent_m();
             require(
-                forward < self.half_wheelbase_m && left < self.half_track_m,
+                forward < ahead && left < side,
                 "payload.offset_m",
                 "a point between the wheels",
             )?;
@@ -156,6 +161,12 @@ impl Truth {
             later("push.until_s", push.until_s, push.from_s)?;
         }
         for (index, fault) in self.faults.iter().enumerate() {
+            let wheels = self.wheels.count();
+            require(
+                fault.wheel.index() < wheels,
+                &format!("faults.{index}.wheel"),
+                &format!("one of the {wheels} wheels"),
+            )?;
             motor_gain(&format!("faults.{index}.gain"), fault.gain)?;
             not_negative(&format!("faults.{index}.at_s"), fault.at_s)?;
             later(&format!("faults.{index}.until_s"), fault.until_s, fault.at_s)?;
@@ -185,19 +196,20 @@ impl Truth {
     /// Checks that each part of the equations alone is slow enough: its slope divided by the
     /// smallest inertia that it moves.
     fn check_rates(&self) -> Verdict {
-        let radius = self.wheel_radius_m;
-        let arm = self.half_track_m + self.half_wheelbase_m;
-        let rolling = (0.25 * radius * radius * self.mass_kg)
-            .min(0.25 * self.yaw_inertia_kg_m2 * (radius / arm).powi(2));
+        let (radius, arm) = (self.wheels.radius_m(), self.wheels.lever_m());
+        let share = 1.0 / self.wheels.count() as f64;
+        let [forward, left, _] = self.wheels.square_sums();
+        let rolling = (radius * radius * self.mass_kg / forward.max(left))
+            .min(share * self.yaw_inertia_kg_m2 * (radius / arm).powi(2));
         let inertia =
             self.wheel_inertia_kg_m2 + if self.wheel_slip.is_some() { 0.0 } else { rolling };
         let heaviest = self.mass_kg + self.payload.map_or(0.0, |payload| payload.mass_kg);
-        let load_n = 0.25 * heaviest * GRAVITY;
-        let gain = self
-            .motor_gain
-            .into_iter()
-            .chain(self.faults.iter().map(|fault| fault.gain))
-            .fold(0.0, f64::max);
+        let load_n = share * heaviest * GRAVITY;
+        let gain =
+            self.motor_gain.iter().copied().chain(self.faults.iter().map(|fault| fault.gain)).fold(
+                if self.motor_gain.len() < self.wheels.count() { 1.0 } else { 0.0 },
+                f64::max,
+            );
         let motor = gain * self.pole_pairs * self.torque_constant_nm_per_a / inertia;
         let roughest = self.patches.iter().map(|patch| patch.friction_factor).fold(1.0, f64::max);
         let rolling_nm = self.rolling_friction * roughest * load_n * radius;
@@ -214,13 +226,13 @@ impl Truth {
             self.breakaway_factor * rolling_nm / self.rolling_friction_speed_scale_radps / inertia,
         )?;
         slow("drag_n_s2_per_m2", self.drag_n_s2_per_m2 * TOP_SPEED_MPS / self.mass_kg)?;
-        slow("half_track_m", TOP_SPEED_MPS / arm)?;
+        slow("wheels", TOP_SPEED_MPS / arm)?;
         if let Some(slip) = self.wheel_slip {
             let grippiest = self.patches.iter().map(|patch| patch.grip_factor).fold(1.0, f64::max);
             let traction = grippiest * slip.grip * load_n / slip.slip_speed_scale_mps;
             let yielding = radius * radius / self.wheel_inertia_kg_m2
-                + 4.0 / self.mass_kg
-                + 4.0 * arm * arm / self.yaw_inertia_kg_m2;
+                + forward.max(left) / self.mass_kg
+                + arm * arm / (share * self.yaw_inertia_kg_m2);
             slow("wheel_slip.slip_speed_scale_mps", traction * yielding)?;
         }
         Ok(())

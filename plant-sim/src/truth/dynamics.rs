@@ -20,31 +20,34 @@
 //! **Without slip** the wheels turn as the body moves, ω = J v / r, and only v is dynamic. With M
 //! from eqs. 19–20, M ω̇ = τ + r J⁺ᵀF is four equations for three degrees of freedom. The columns
 //! of J are eigenvectors of M. So the part of the equations along J is exactly the first line
-//! below. The part across J, wheels that work against each other, is held by the floor.
+//! below. The part across J, wheels that work against each other, is held by the floor. Products of
+//! different columns of J, which only odd arrangements of wheels have, are left out.
 //!
 //! **With slip** the wheels have speeds of their own, and their grip limits their force on the
-//! floor. The largest force along the roller's axis is c N. That axis stands at 45° to the rim:
+//! floor. The largest force along the roller's axis is c N. That axis stands at γ to the rim, 45°
+//! for mecanum wheels:
 //!
 //! ```text
-//! (D + diag(4 I_ω/r², 4 I_ω/r², 4 L² I_ω/r²)) v̇ = Jᵀτ/r + F
+//! (D + diag(Jᵀ J) I_ω/r²) v̇ = Jᵀτ/r + F
 //!
-//! D v̇ = Jᵀt + F,   I_ω ω̇ = τ − r t,   t = c N/√2 tanh((r ω − J v)/v_s)
+//! D v̇ = Jᵀt + F,   I_ω ω̇ = τ − r t,   t = c N cos γ tanh((r ω − J v)/v_s)
 //!
 //!     ⎡  m    0  −S_y ⎤
 //! D = ⎢  0    m   S_x ⎥,   F = (m (v_y, −v_x) ω_z + ω_z² S, −ω_z S·v)
 //!     ⎣−S_y  S_x  I_z ⎦        + drag + slope + push + random force
 //! ```
 //! with S the mass times the position of its centre, and `I_z` about the middle between the wheels.
-//! A wheel at (±b, ±a) bears N = m g/4 (1 ± S_x/(m b) ± S_y/(m a)).
+//! A wheel at (x, y) of n bears N = m g/n (1 + x S_x/(m x̄²) + y S_y/(m ȳ²)), with the mean squares
+//! of the places.
 //!
 //! The first term of F comes from eq. 12 in the turning frame of the body; the paper's eq. 21 lacks
 //! it.
 //!
 //! Reference: Wu, Tang, Xu 2023, eqs. 10–21, with sign(ω) in eq. 14 and ω̇ in eq. 18.
 
-use core::f64::consts::FRAC_1_SQRT_2;
+use core::ops::{Add, Mul};
 
-use nalgebra::{Rotation2, SVector, Vector2, Vector3, Vector4};
+use nalgebra::{Rotation2, SVector, Vector2, Vector3};
 
 use super::geometry::Geometry;
 use super::parameters::{Truth, WheelSlip};
@@ -53,80 +56,81 @@ use super::schedule::Conditions;
 /// Standard gravity \[m/s²\].
 pub(super) const GRAVITY: f64 = 9.806_65;
 
-/// Number of scalars in a [`State`].
-const SIZE: usize = 18;
-
-/// The state of the equations, or its rate of change.
+/// The state of the equations for W wheels, or its rate of change.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct State {
+pub(super) struct State<const W: usize> {
     /// x, y and heading in the world; the heading is not wrapped.
     pub(super) pose: Vector3<f64>,
     /// Body velocity.
     pub(super) velocity: Vector3<f64>,
     /// Wheel speeds: J v / r without slip.
-    pub(super) wheel_speed: Vector4<f64>,
+    pub(super) wheel_speed: SVector<f64, W>,
     /// Motor currents; without lag, the currents that the speed loop requests.
-    pub(super) current: Vector4<f64>,
+    pub(super) current: SVector<f64, W>,
     /// z: integral part of the speed loop \[A\].
-    pub(super) integral: Vector4<f64>,
+    pub(super) integral: SVector<f64, W>,
 }
 
-impl State {
-    /// As one vector, for the integrator.
-    pub(super) fn packed(&self) -> SVector<f64, SIZE> {
-        let mut all = SVector::<f64, SIZE>::zeros();
-        all.fixed_rows_mut::<3>(0).copy_from(&self.pose);
-        all.fixed_rows_mut::<3>(3).copy_from(&self.velocity);
-        all.fixed_rows_mut::<4>(6).copy_from(&self.wheel_speed);
-        all.fixed_rows_mut::<4>(10).copy_from(&self.current);
-        all.fixed_rows_mut::<4>(14).copy_from(&self.integral);
-        all
-    }
+impl<const W: usize> Add for State<W> {
+    type Output = Self;
 
-    /// From one vector.
-    pub(super) fn unpacked(all: &SVector<f64, SIZE>) -> Self {
+    fn add(self, other: Self) -> Self {
         Self {
-            pose: all.fixed_rows::<3>(0).into_owned(),
-            velocity: all.fixed_rows::<3>(3).into_owned(),
-            wheel_speed: all.fixed_rows::<4>(6).into_owned(),
-            current: all.fixed_rows::<4>(10).into_owned(),
-            integral: all.fixed_rows::<4>(14).into_owned(),
+            pose: self.pose + other.pose,
+            velocity: self.velocity + other.velocity,
+            wheel_speed: self.wheel_speed + other.wheel_speed,
+            current: self.current + other.current,
+            integral: self.integral + other.integral,
+        }
+    }
+}
+
+impl<const W: usize> Mul<f64> for State<W> {
+    type Output = Self;
+
+    fn mul(self, by: f64) -> Self {
+        Self {
+            pose: self.pose * by,
+            velocity: self.velocity * by,
+            wheel_speed: self.wheel_speed * by,
+            current: self.current * by,
+            integral: self.integral * by,
         }
     }
 }
 
 /// Properties of the floor below each wheel, as multiples of those elsewhere.
-struct Floor {
-    friction: Vector4<f64>,
-    grip: Vector4<f64>,
+struct Floor<const W: usize> {
+    friction: SVector<f64, W>,
+    grip: SVector<f64, W>,
 }
 
 /// The robot and its world, fixed for a run.
 #[derive(Debug, Clone)]
-pub(super) struct Dynamics {
+pub(super) struct Dynamics<const W: usize> {
     truth: Truth,
-    geometry: Geometry,
+    geometry: Geometry<W>,
     /// Component of the weight that pulls down the slope, in the world.
     down: Vector2<f64>,
     /// Component of the weight that loads the wheels.
     level: f64,
 }
 
-impl Dynamics {
+impl<const W: usize> Dynamics<W> {
     /// The robot and the world that the settings describe.
     pub(super) fn new(truth: &Truth) -> Self {
         let (angle, direction) =
             truth.slope.map_or((0.0, 0.0), |slope| (slope.angle_rad, slope.direction_rad));
         Self {
             truth: truth.clone(),
-            geometry: Geometry::new(truth),
+            geometry: Geometry::new(&truth.wheels),
             down: angle.sin() * Vector2::new(direction.cos(), direction.sin()),
             level: angle.cos(),
         }
     }
 
     /// The state's rate of change. Does not allocate.
-    pub(super) fn rate(&self, state: &State, given: &Conditions) -> State {
+    pub(super) fn rate(&self, state: &State<W>, given: &Conditions) -> State<W> {
         let truth = &self.truth;
         let wheel_speed = self.wheel_speed(state);
         let error = self.speed_error(&wheel_speed, given);
@@ -135,7 +139,7 @@ impl Dynamics {
         let floor = self.floor(&state.pose);
         let load_n = self.load_n(given);
 
-        let torque = Vector4::from_fn(|wheel, _| {
+        let torque = SVector::from_fn(|wheel, _| {
             let speed = wheel_speed[wheel];
             let drive = given.motor_gain[wheel]
                 * truth.pole_pairs
@@ -148,7 +152,7 @@ impl Dynamics {
                 * (1.0 + stuck)
                 * floor.friction[wheel]
                 * load_n[wheel]
-                * truth.wheel_radius_m;
+                * self.geometry.radii_m[wheel];
             drive - viscous - rolling * (speed / truth.rolling_friction_speed_scale_radps).tanh()
         });
         let force = self.force(state, given);
@@ -170,15 +174,20 @@ impl Dynamics {
             current: if truth.current_lag_s > 0.0 {
                 (demand - state.current) / truth.current_lag_s
             } else {
-                Vector4::zeros()
+                SVector::zeros()
             },
             integral: self.integral_rate(&error, &state.integral),
         }
     }
 
+    /// Wheel speeds of this body velocity, without slip.
+    pub(super) fn wheels_at(&self, velocity: &Vector3<f64>) -> SVector<f64, W> {
+        self.geometry.wheel_speed(velocity)
+    }
+
     /// The state of wheels that roll as the body moves. Currents and integrals are those of steady
     /// motion without load.
-    pub(super) fn at_steady_rolling(&self, state: &State, given: &Conditions) -> State {
+    pub(super) fn at_steady_rolling(&self, state: &State<W>, given: &Conditions) -> State<W> {
         let wheel_speed = self.geometry.wheel_speed(&state.velocity);
         let current = self.current_demand(&self.speed_error(&wheel_speed, given), &state.integral);
         State { wheel_speed, current, ..*state }
@@ -186,7 +195,7 @@ impl Dynamics {
 
     /// The state with its dependent parts recomputed: wheel speeds without slip and currents
     /// without lag.
-    pub(super) fn consistent(&self, state: &State, given: &Conditions) -> State {
+    pub(super) fn consistent(&self, state: &State<W>, given: &Conditions) -> State<W> {
         let wheel_speed = self.wheel_speed(state);
         let mut fitting = State { wheel_speed, ..*state };
         if self.truth.current_lag_s <= 0.0 {
@@ -197,7 +206,7 @@ impl Dynamics {
     }
 
     /// F: all forces on the body except those of its wheels \[N, N, N m\], in the body frame.
-    pub(super) fn force(&self, state: &State, given: &Conditions) -> Vector3<f64> {
+    pub(super) fn force(&self, state: &State<W>, given: &Conditions) -> Vector3<f64> {
         let v = &state.velocity;
         let drag = self.truth.drag_n_s2_per_m2 * v.xy().norm();
         let down =
@@ -213,17 +222,18 @@ impl Dynamics {
     }
 
     /// N: load of each wheel \[N\].
-    fn load_n(&self, given: &Conditions) -> Vector4<f64> {
+    fn load_n(&self, given: &Conditions) -> SVector<f64, W> {
         let centre = given.mass_moment / given.mass_kg;
-        let (b, a) = (self.truth.half_wheelbase_m, self.truth.half_track_m);
-        let mean = 0.25 * given.mass_kg * GRAVITY * self.level;
-        Vector4::from_fn(|wheel, _| {
+        let squares = self.geometry.mean_squares_m2;
+        let mean = given.mass_kg * GRAVITY * self.level / W as f64;
+        SVector::from_fn(|wheel, _| {
             let place = self.geometry.contacts_m[wheel];
-            (mean * (1.0 + centre.x * place.x / (b * b) + centre.y * place.y / (a * a))).max(0.0)
+            let lean = 1.0 + centre.x * place.x / squares.x + centre.y * place.y / squares.y;
+            (mean * lean).max(0.0)
         })
     }
 
-    fn wheel_speed(&self, state: &State) -> Vector4<f64> {
+    fn wheel_speed(&self, state: &State<W>) -> SVector<f64, W> {
         if self.truth.wheel_slip.is_some() {
             state.wheel_speed
         } else {
@@ -232,7 +242,7 @@ impl Dynamics {
     }
 
     /// `u_m − ω`, without its deadband.
-    fn speed_error(&self, wheel_speed: &Vector4<f64>, given: &Conditions) -> Vector4<f64> {
+    fn speed_error(&self, wheel_speed: &SVector<f64, W>, given: &Conditions) -> SVector<f64, W> {
         let (limit, deadband) = (self.truth.wheel_speed_limit_radps, self.truth.deadband_radps);
         self.geometry.wheel_speed(&given.command).zip_map(wheel_speed, |target, speed| {
             let error = target.clamp(-limit, limit) - speed;
@@ -240,14 +250,22 @@ impl Dynamics {
         })
     }
 
-    fn current_demand(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
+    fn current_demand(
+        &self,
+        error: &SVector<f64, W>,
+        integral: &SVector<f64, W>,
+    ) -> SVector<f64, W> {
         let limit = self.truth.current_limit_a;
         (error * self.truth.speed_loop_gain_a_s_per_rad + integral)
             .map(|current| current.clamp(-limit, limit))
     }
 
     /// ż; a loop at its limit has an anti-windup.
-    fn integral_rate(&self, error: &Vector4<f64>, integral: &Vector4<f64>) -> Vector4<f64> {
+    fn integral_rate(
+        &self,
+        error: &SVector<f64, W>,
+        integral: &SVector<f64, W>,
+    ) -> SVector<f64, W> {
         let truth = &self.truth;
         error.zip_map(integral, |error, integral| {
             let demand = truth.speed_loop_gain_a_s_per_rad * error + integral;
@@ -259,37 +277,44 @@ impl Dynamics {
     /// v̇ and ω̇ of wheels that never slip.
     fn rolling(
         &self,
-        torque: &Vector4<f64>,
+        torque: &SVector<f64, W>,
         force: &Vector3<f64>,
         given: &Conditions,
-    ) -> (Vector3<f64>, Vector4<f64>) {
-        let drive =
-            self.geometry.rim_speed_from_velocity.tr_mul(torque) / self.geometry.wheel_radius_m;
-        let (radius, arm) = (self.geometry.wheel_radius_m, self.geometry.arm_m);
-        let wheels = 4.0 * self.truth.wheel_inertia_kg_m2 / (radius * radius);
+    ) -> (Vector3<f64>, SVector<f64, W>) {
+        let g = &self.geometry;
+        let drive = g.rim_speed_at_mean_radius.tr_mul(torque) / g.mean_radius_m;
+        let wheel = self.truth.wheel_inertia_kg_m2 / (g.mean_radius_m * g.mean_radius_m);
+        let planar = wheel * g.planar_squares;
+        let turning = wheel * W as f64 * g.arm_m * g.arm_m;
         let acceleration =
-            accelerated(given, &Vector3::new(wheels, wheels, wheels * arm * arm), &(drive + force));
-        (acceleration, self.geometry.wheel_speed(&acceleration))
+            accelerated(given, &Vector3::new(planar.x, planar.y, turning), &(drive + force));
+        (acceleration, g.wheel_speed(&acceleration))
     }
 
     /// t of wheels that grip the floor up to `grip_n` along their rollers' axes.
-    fn traction(&self, state: &State, grip_n: &Vector4<f64>, slip: &WheelSlip) -> Vector4<f64> {
+    fn traction(
+        &self,
+        state: &State<W>,
+        grip_n: &SVector<f64, W>,
+        slip: &WheelSlip,
+    ) -> SVector<f64, W> {
         let g = &self.geometry;
-        let slide =
-            state.wheel_speed * g.wheel_radius_m - g.rim_speed_from_velocity * state.velocity;
-        grip_n.zip_map(&slide, |grip, slide| {
-            grip * FRAC_1_SQRT_2 * (slide / slip.slip_speed_scale_mps).tanh()
+        let slide = state.wheel_speed.component_mul(&g.radii_m)
+            - g.rim_speed_from_velocity * state.velocity;
+        SVector::from_fn(|wheel, _| {
+            let share = (slide[wheel] / slip.slip_speed_scale_mps).tanh();
+            grip_n[wheel] * g.along_rim[wheel] * share
         })
     }
 
     /// v̇ and ω̇ of wheels whose traction on the floor is `traction`.
     fn slipping(
         &self,
-        torque: &Vector4<f64>,
-        traction: &Vector4<f64>,
+        torque: &SVector<f64, W>,
+        traction: &SVector<f64, W>,
         force: &Vector3<f64>,
         given: &Conditions,
-    ) -> (Vector3<f64>, Vector4<f64>) {
+    ) -> (Vector3<f64>, SVector<f64, W>) {
         let g = &self.geometry;
         (
             accelerated(
@@ -297,13 +322,13 @@ impl Dynamics {
                 &Vector3::zeros(),
                 &(g.rim_speed_from_velocity.tr_mul(traction) + force),
             ),
-            (torque - traction * g.wheel_radius_m) / self.truth.wheel_inertia_kg_m2,
+            (torque - traction.component_mul(&g.radii_m)) / self.truth.wheel_inertia_kg_m2,
         )
     }
 
     /// The floor below each wheel.
-    fn floor(&self, pose: &Vector3<f64>) -> Floor {
-        let mut floor = Floor { friction: Vector4::repeat(1.0), grip: Vector4::repeat(1.0) };
+    fn floor(&self, pose: &Vector3<f64>) -> Floor<W> {
+        let mut floor = Floor { friction: SVector::repeat(1.0), grip: SVector::repeat(1.0) };
         if self.truth.patches.is_empty() {
             return floor;
         }

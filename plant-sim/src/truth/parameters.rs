@@ -4,6 +4,7 @@
 //! *believes*). Other effects are off by default: zero, an empty list or an absent table. So a
 //! scenario names only its differences.
 
+use robot::{Robot, Wheels};
 use serde::{Deserialize, Serialize};
 
 /// The true robot and its world.
@@ -17,12 +18,8 @@ pub struct Truth {
     /// `I_ω`: inertia of one wheel with its motor about its axle \[kg m²\].
     pub wheel_inertia_kg_m2: f64,
 
-    /// r: wheel radius \[m\].
-    pub wheel_radius_m: f64,
-    /// a: from the centre to a wheel, sideways \[m\].
-    pub half_track_m: f64,
-    /// b: from the centre to a wheel, forward \[m\].
-    pub half_wheelbase_m: f64,
+    /// Kind and places of the wheels, as in a robot file.
+    pub wheels: Wheels,
 
     /// f: torque against the wheel per speed of the wheel \[N m s/rad\].
     pub wheel_viscous_friction_nms: f64,
@@ -38,8 +35,10 @@ pub struct Truth {
     /// Air drag per squared speed \[N s²/m²\].
     pub drag_n_s2_per_m2: f64,
 
-    /// γ: delivered torque of each motor per requested torque; 1 is a healthy motor.
-    pub motor_gain: [f64; 4],
+    /// γ: delivered torque of each motor per requested torque; 1 is a healthy motor, and the value
+    /// of motors that are not listed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub motor_gain: Vec<f64>,
     /// p: pole pairs.
     pub pole_pairs: f64,
     /// `K_T`: torque per current and pole pair \[N m/A\].
@@ -96,16 +95,14 @@ impl Default for Truth {
             mass_kg: 15.0,
             yaw_inertia_kg_m2: 0.6,
             wheel_inertia_kg_m2: 2e-3,
-            wheel_radius_m: 0.05,
-            half_track_m: 0.15,
-            half_wheelbase_m: 0.125,
+            wheels: Robot::example().wheels,
             wheel_viscous_friction_nms: 2e-3,
             rolling_friction: 0.02,
             rolling_friction_speed_scale_radps: 0.5,
             breakaway_factor: 1.0,
             breakaway_speed_radps: 3.0,
             drag_n_s2_per_m2: 0.0,
-            motor_gain: [1.0; 4],
+            motor_gain: Vec::new(),
             pole_pairs: 4.0,
             torque_constant_nm_per_a: 0.04,
             speed_loop_gain_a_s_per_rad: 0.5,
@@ -280,13 +277,17 @@ pub enum StuckSensor {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Wheel {
-    /// Wheel 0.
+    /// The first wheel.
+    #[serde(alias = "wheel-1")]
     FrontRight,
-    /// Wheel 1.
+    /// The second wheel.
+    #[serde(alias = "wheel-2")]
     FrontLeft,
-    /// Wheel 2.
+    /// The third wheel.
+    #[serde(alias = "wheel-3")]
     RearLeft,
-    /// Wheel 3.
+    /// The fourth wheel.
+    #[serde(alias = "wheel-4")]
     RearRight,
 }
 

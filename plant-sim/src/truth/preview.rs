@@ -1,10 +1,9 @@
 //! Prediction of the world from its present state, for the oracle: a controller that knows
 //! everything but the future.
 
-use nalgebra::{Vector3, Vector4};
+use nalgebra::Vector3;
 
-use super::dynamics::{Dynamics, State};
-use super::integrate::runge_kutta;
+use super::motion::{Motion, motion};
 use super::parameters::Truth;
 use super::schedule::{Conditions, Schedule};
 
@@ -20,7 +19,7 @@ const SLIPPING_STEP_NANOS: u64 = 1_000_000;
 /// loops. They start as in steady rolling.
 #[derive(Debug, Clone)]
 pub struct Preview {
-    dynamics: Dynamics,
+    motion: Box<dyn Motion>,
     schedule: Schedule,
     now: Conditions,
     step_nanos: u64,
@@ -30,9 +29,10 @@ impl Preview {
     /// The world that the settings describe, at its start. Allocates.
     pub fn new(truth: &Truth) -> Self {
         let schedule = Schedule::new(truth);
+        let now = schedule.at(0, Vector3::zeros(), Vector3::zeros());
         Self {
-            dynamics: Dynamics::new(truth),
-            now: schedule.at(0, Vector3::zeros(), Vector3::zeros()),
+            motion: motion(truth, [[0.0; 3]; 2], &now),
+            now,
             schedule,
             step_nanos: if truth.wheel_slip.is_some() {
                 SLIPPING_STEP_NANOS
@@ -57,24 +57,10 @@ impl Preview {
         input: [f64; 3],
     ) -> ([f64; 3], [f64; 3]) {
         let given = Conditions { command: Vector3::from(input), ..self.now };
-        let (pose, velocity) = (Vector3::from(pose), Vector3::from(velocity));
-        let start = State {
-            pose,
-            velocity,
-            wheel_speed: Vector4::zeros(),
-            current: Vector4::zeros(),
-            integral: Vector4::zeros(),
-        };
-        let mut state = self.dynamics.at_steady_rolling(&start, &given);
         let steps = duration_nanos.div_ceil(self.step_nanos).max(1);
         let step_s = duration_nanos as f64 * 1e-9 / steps as f64;
-        for _ in 0..steps {
-            let next = runge_kutta(&state.packed(), step_s, |state| {
-                self.dynamics.rate(&State::unpacked(state), &given).packed()
-            });
-            state = self.dynamics.consistent(&State::unpacked(&next), &given);
-        }
-        (state.pose.into(), state.velocity.into())
+        let [pose, velocity] = self.motion.foretell([pose, velocity], steps, step_s, &given);
+        (pose, velocity)
     }
 }
 
@@ -110,7 +96,7 @@ mod tests {
             drag_n_s2_per_m2: 0.5,
             breakaway_factor: 2.5,
             deadband_radps: 1.5,
-            motor_gain: [0.6, 1.0, 1.0, 1.0],
+            motor_gain: vec![0.6],
             slope: Some(Slope { angle_rad: 0.1, direction_rad: 0.8 }),
             push: Some(Push { force_n: [0.0, 20.0], ..Push::default() }),
             payload: Some(Payload {

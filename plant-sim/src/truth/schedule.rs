@@ -2,7 +2,8 @@
 
 use core::ops::Range;
 
-use nalgebra::{Vector2, Vector3, Vector4};
+use nalgebra::{Vector2, Vector3};
+use robot::{PerWheel, WHEELS_MAX};
 
 use super::parameters::{Fault, Payload, Push, Truth};
 
@@ -16,7 +17,7 @@ pub(super) struct Conditions {
     /// S: mass times place of the centre of mass, forward and left of the robot's centre \[kg m\].
     pub(super) mass_moment: Vector2<f64>,
     /// Delivered torque of each motor per requested torque.
-    pub(super) motor_gain: Vector4<f64>,
+    pub(super) motor_gain: PerWheel,
     /// Constant force in the world's x and y, and about the vertical axis \[N, N, N m\].
     pub(super) push_in_world: Vector3<f64>,
     /// Random force in the body frame \[N, N, N m\].
@@ -32,7 +33,7 @@ pub(super) struct Conditions {
 pub(super) struct Schedule {
     mass_kg: f64,
     yaw_inertia_kg_m2: f64,
-    motor_gain: Vector4<f64>,
+    motor_gain: PerWheel,
     payload: Option<(Range<u64>, Payload)>,
     push: Option<(Range<u64>, Push)>,
     /// Time, wheel and its new gain; in the order in which they begin.
@@ -48,10 +49,12 @@ impl Schedule {
             |fault: &Fault| (window(fault.at_s, fault.until_s), fault.wheel.index(), fault.gain);
         let mut faults: Vec<_> = truth.faults.iter().map(fault).collect();
         faults.sort_by_key(|(window, ..)| window.start);
+        let mut motor_gain = [1.0; WHEELS_MAX];
+        motor_gain.iter_mut().zip(&truth.motor_gain).for_each(|(to, from)| *to = *from);
         Self {
             mass_kg: truth.mass_kg,
             yaw_inertia_kg_m2: truth.yaw_inertia_kg_m2,
-            motor_gain: Vector4::from(truth.motor_gain),
+            motor_gain,
             payload: truth.payload.map(|payload| (window(payload.at_s, payload.until_s), payload)),
             push: truth.push.map(|push| (window(push.from_s, push.until_s), push)),
             faults,
@@ -147,9 +150,9 @@ mod tests {
     fn the_latest_fault_of_a_wheel_counts_in_any_order_of_the_settings() {
         let fault = |gain, at_s| Fault { wheel: Wheel::RearLeft, gain, at_s, until_s: None };
         let truth = Truth { faults: vec![fault(1.0, 3.0), fault(0.0, 1.0)], ..Truth::default() };
-        assert_eq!(at(&truth, 0.9).motor_gain, Vector4::repeat(1.0));
-        assert_eq!(at(&truth, 1.0).motor_gain, Vector4::new(1.0, 1.0, 0.0, 1.0));
-        assert_eq!(at(&truth, 3.0).motor_gain, Vector4::repeat(1.0));
+        assert_eq!(at(&truth, 0.9).motor_gain, [1.0; WHEELS_MAX]);
+        assert_eq!(at(&truth, 1.0).motor_gain, [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        assert_eq!(at(&truth, 3.0).motor_gain, [1.0; WHEELS_MAX]);
     }
 
     #[test]

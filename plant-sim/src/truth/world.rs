@@ -1,13 +1,12 @@
 //! The true robot on one integer clock.
 
 use driver::Start;
-use nalgebra::{Vector3, Vector4};
+use nalgebra::Vector3;
+use robot::PerWheel;
 
 use super::delay::DelayLine;
 use super::disturbance::Disturbance;
-use super::dynamics::{Dynamics, State};
-use super::geometry::Geometry;
-use super::integrate::runge_kutta;
+use super::motion::{Motion, motion};
 use super::parameters::Truth;
 use super::schedule::{Conditions, Schedule, nanos};
 use super::sensors::{Measurement, Sensors};
@@ -26,9 +25,9 @@ pub struct TrueState {
     /// Body velocity (forward, left, yaw) \[m/s, m/s, rad/s\].
     pub velocity: [f64; 3],
     /// Wheel speeds \[rad/s\].
-    pub wheel_speed: [f64; 4],
+    pub wheel_speed: PerWheel,
     /// Motor currents \[A\].
-    pub current: [f64; 4],
+    pub current: PerWheel,
     /// F of the equations of motion: turning frame, drag, slope, push and random force, on the body
     /// in its own frame \[N, N, N m\].
     pub force: [f64; 3],
@@ -52,12 +51,11 @@ pub struct TrueState {
 /// ```
 #[derive(Debug, Clone)]
 pub struct World {
-    dynamics: Dynamics,
+    motion: Box<dyn Motion>,
     schedule: Schedule,
     disturbance: Disturbance,
     delay: DelayLine,
     sensors: Sensors,
-    state: State,
     conditions: Conditions,
     steps: u64,
     /// Requested time that is not yet simulated; less than a step.
@@ -78,27 +76,17 @@ impl World {
     ///
     /// `truth` must have passed [`Truth::check`]; otherwise the numbers are meaningless. Allocates.
     pub fn new(truth: &Truth, start: Start, seed: u64) -> Self {
-        let dynamics = Dynamics::new(truth);
         let schedule = Schedule::new(truth);
         let disturbance = Disturbance::new(truth.random_force.as_ref(), seed);
         let conditions = schedule.at(0, disturbance.force(), Vector3::zeros());
-        let velocity = Vector3::from(start.velocity);
-        let state = State {
-            pose: Vector3::from(start.pose),
-            velocity,
-            wheel_speed: Geometry::new(truth).wheel_speed(&velocity),
-            current: Vector4::zeros(),
-            integral: Vector4::zeros(),
-        };
         let delay_nanos = nanos(truth.command_delay_s.clamp(0.0, Self::LONGEST_DELAY_S));
         let delay_steps = (delay_nanos + Self::STEP_NANOS / 2) / Self::STEP_NANOS;
         Self {
-            state: dynamics.consistent(&state, &conditions),
-            dynamics,
+            motion: motion(truth, [start.pose, start.velocity], &conditions),
             schedule,
             disturbance,
             delay: DelayLine::new(delay_steps as usize),
-            sensors: Sensors::new(truth.sensor, &truth.stuck, seed ^ SENSOR_STREAM),
+            sensors: Sensors::new(truth, seed ^ SENSOR_STREAM),
             conditions,
             steps: 0,
             owed_nanos: 0,
@@ -126,13 +114,7 @@ impl World {
 
     /// The true state.
     pub fn state(&self) -> TrueState {
-        TrueState {
-            pose: self.state.pose.into(),
-            velocity: self.state.velocity.into(),
-            wheel_speed: self.state.wheel_speed.into(),
-            current: self.state.current.into(),
-            force: self.dynamics.force(&self.state, &self.conditions).into(),
-        }
+        self.motion.state(&self.conditions)
     }
 
     /// The sensors' measurement; each has noise of its own. Does not allocate.
@@ -169,10 +151,7 @@ impl World {
         }
         let arrived = self.delay.pass(input);
         let given = self.schedule.at(self.time_nanos(), self.disturbance.force(), arrived);
-        let next = runge_kutta(&self.state.packed(), Self::STEP_NANOS as f64 * 1e-9, |state| {
-            self.dynamics.rate(&State::unpacked(state), &given).packed()
-        });
-        self.state = self.dynamics.consistent(&State::unpacked(&next), &given);
+        self.motion.step(Self::STEP_NANOS as f64 * 1e-9, &given);
         self.conditions = given;
         self.input_sum += arrived;
         self.input_steps += 1;

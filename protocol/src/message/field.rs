@@ -152,7 +152,9 @@ pub(crate) trait Value: Serialize + for<'de> Deserialize<'de> {
 }
 
 macro_rules! values {
-    ($($type:ty $(, const $size:ident)*: $wire:expr, $shape:expr, |$this:ident| $numbers:expr;)+) => {
+    ($(
+        $type:ty $(, const $size:ident)*: $wire:expr, $shape:expr, |$this:ident| $numbers:expr;
+    )+) => {
         $(impl<$(const $size: usize),*> Value for $type
         where
             $type: Serialize + for<'de> Deserialize<'de>,

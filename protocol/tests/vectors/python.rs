@@ -52,14 +52,10 @@ impl Visit for Classes {
         let Self(text, names) = self;
         names.push(T::NAME);
         // Writing to a string does not fail.
-        let _ = write!(
-            text,
-            "\n\n@dataclass(frozen=True)\nclass {}:\n    \"\"\"The message on the topic {}.\"\"\"\n\n    \
-            KIND: ClassVar[int] = {}\n    stamp: Annotated[Stamp, STAMP]\n",
-            T::NAME,
-            T::TOPIC.name(),
-            T::KIND
-        );
+        let _ = write!(text, "\n\n@dataclass(frozen=True)\nclass {}:\n", T::NAME);
+        let _ = write!(text, "    \"\"\"The message on the topic {}.\"\"\"\n\n", T::TOPIC.name());
+        let _ = writeln!(text, "    KIND: ClassVar[int] = {}", T::KIND);
+        let _ = writeln!(text, "    stamp: Annotated[Stamp, STAMP]");
         for field in T::fields() {
             if let Some((kind, codec)) = codec(field.wire, field.allowed) {
                 let _ = writeln!(text, "    {}: Annotated[{kind}, {codec}]", field.name);

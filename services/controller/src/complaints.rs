@@ -19,7 +19,7 @@
 use crate::currents::Contradicted;
 use model::{Velocity, wrap};
 use protocol::message::{ERROR_TEXT_MAX, FallbackLevel, PlantState, Reason};
-use robot::Robot;
+use robot::{Robot, WHEELS_MAX};
 use std::fmt::{self, Display, Formatter, Write};
 
 /// Time over which periods decay \[s\].
@@ -73,7 +73,7 @@ pub enum Complaint {
     /// Plans take motors for full that are not.
     Row {
         /// Whether each motor is one of them, in the robot file's order.
-        wheels: [bool; 4],
+        wheels: [bool; WHEELS_MAX],
         /// Largest current that they carry, as a share of the limit.
         carried: f64,
     },
@@ -97,7 +97,7 @@ const REFUSALS: usize = 0;
 const CURRENT: usize = 5;
 
 /// Motors by their numbers, from 1 on.
-struct Motors([bool; 4]);
+struct Motors([bool; WHEELS_MAX]);
 
 impl Display for Motors {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
@@ -194,8 +194,8 @@ impl Complaints {
     pub fn new(robot: &Robot, period_s: f64) -> Self {
         Self {
             period_s,
-            limit_a: robot.drive.current_limit_a,
-            lever_m: robot.geometry.lever_m(),
+            limit_a: robot.current_limit_a().unwrap_or(f64::INFINITY),
+            lever_m: robot.wheels.lever_m(),
             fading: (-period_s / MEMORY_S).exp(),
             before: None,
             periods: 0.0,
@@ -397,7 +397,7 @@ mod tests {
 
     #[test]
     fn a_motor_that_stays_at_its_limit_is_reported() {
-        let limit = Robot::example().drive.current_limit_a;
+        let limit = Robot::example().current_limit_a().unwrap_or_default();
         let complaints = told(|tick| PlantState {
             current: [0.0, -limit, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
             wheels: 4,
@@ -434,7 +434,7 @@ mod tests {
     #[test]
     fn a_limit_that_its_motor_contradicts_is_reported_once() {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
-        let wheels = [false, true, true, false];
+        let wheels = std::array::from_fn(|wheel| [1, 2].contains(&wheel));
         let row = Some(Contradicted { wheels, carried: 0.4 });
         let reported: Vec<Complaint> =
             (0..250).filter_map(|tick| complaints.look(&circle(tick, PERIOD_S), row)).collect();
@@ -470,7 +470,7 @@ mod tests {
             Complaint::Refusals { share: 1.0, reason: Reason::OutOfBounds },
             Complaint::Period { ratio: -1234.5678, period_s: 0.1 },
             Complaint::Current { share: 1.0, limit_a: 123.456 },
-            Complaint::Row { wheels: [true; 4], carried: 0.5 },
+            Complaint::Row { wheels: [true; WHEELS_MAX], carried: 0.5 },
             Complaint::NoEffect { share: -1.0 },
             Complaint::Simple { share: 1.0 },
         ] {

@@ -4,7 +4,7 @@
 //! Where that file is wrong, or the wheel slips, a row can be active while the motor carries far
 //! less current. Such a row is dropped until the motor is at its limit.
 
-use robot::Robot;
+use robot::{PerWheel, Robot, WHEELS_MAX};
 
 /// From this share of the limit on, a predicted current counts as an active row, and a measured
 /// current as a motor at its limit.
@@ -26,16 +26,16 @@ const OFTEN: f64 = 0.6;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Foretold {
     /// At the start of the period; the rows bound these.
-    pub start: [f64; 4],
+    pub start: PerWheel,
     /// At the end of the period, when currents are measured.
-    pub end: [f64; 4],
+    pub end: PerWheel,
 }
 
 /// Rows that are dropped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contradicted {
     /// Whether the row of each wheel is dropped, in the robot file's order.
-    pub wheels: [bool; 4],
+    pub wheels: [bool; WHEELS_MAX],
     /// Largest current that the motors of these rows carry, as a share of the limit.
     pub carried: f64,
 }
@@ -55,7 +55,7 @@ struct Watched {
 pub struct Currents {
     fading: f64,
     limit_a: f64,
-    wheels: [Watched; 4],
+    wheels: [Watched; WHEELS_MAX],
 }
 
 impl Currents {
@@ -63,14 +63,14 @@ impl Currents {
     pub fn new(robot: &Robot, period: f64) -> Self {
         Self {
             fading: (period / MEMORY_S).min(1.0 / PERIODS_LEAST),
-            limit_a: robot.drive.current_limit_a,
-            wheels: [Watched::default(); 4],
+            limit_a: robot.current_limit_a().unwrap_or(f64::INFINITY),
+            wheels: [Watched::default(); WHEELS_MAX],
         }
     }
 
     /// Resets: no row is dropped.
     pub fn reset(&mut self) {
-        self.wheels = [Watched::default(); 4];
+        self.wheels = [Watched::default(); WHEELS_MAX];
     }
 
     /// Processes one period: the predicted currents, and the currents `measured` at its end \[A\].
@@ -92,7 +92,7 @@ impl Currents {
     }
 
     /// Whether the row of each wheel is dropped.
-    pub fn dropped(&self) -> [bool; 4] {
+    pub fn dropped(&self) -> [bool; WHEELS_MAX] {
         self.wheels.map(|wheel| wheel.dropped)
     }
 
@@ -108,14 +108,19 @@ impl Currents {
 mod tests {
     use super::*;
 
-    const FULL: [f64; 4] = [1.0, 0.2, 0.2, 0.2];
+    /// Of the first wheel alone.
+    const FIRST: [bool; WHEELS_MAX] = [true, false, false, false, false, false, false, false];
+
+    const FULL: PerWheel = [1.0, 0.2, 0.2, 0.2, 0.0, 0.0, 0.0, 0.0];
 
     /// Runs for this number of seconds. Plans predict `start` and a third less at the end of each
     /// period; motors carry `shares` of their limit.
-    fn watched(seconds: f64, start: [f64; 4], shares: &[f64]) -> Currents {
+    fn watched(seconds: f64, start: PerWheel, shares: &[f64]) -> Currents {
         let robot = Robot::example();
-        let amps: Vec<f64> =
-            shares.iter().map(|share| share * robot.drive.current_limit_a).collect();
+        let amps: Vec<f64> = shares
+            .iter()
+            .map(|share| share * robot.current_limit_a().unwrap_or_default())
+            .collect();
         let mut currents = Currents::new(&robot, 0.02);
         for _ in 0..(seconds / 0.02) as usize {
             currents.look(&Foretold { start, end: start.map(|share| 0.67 * share) }, &amps);
@@ -126,26 +131,28 @@ mod tests {
     #[test]
     fn an_active_row_whose_motor_carries_little_is_dropped_within_a_second() {
         let currents = watched(1.0, FULL, &[0.33; 4]);
-        assert_eq!(currents.dropped(), [true, false, false, false]);
+        assert_eq!(currents.dropped(), FIRST);
         let contradicted = currents.contradicted().map(|rows| (rows.wheels, rows.carried < 0.4));
-        assert_eq!(contradicted, Some(([true, false, false, false], true)));
+        assert_eq!(contradicted, Some((FIRST, true)));
     }
 
     #[test]
     fn a_row_is_kept_if_the_motor_agrees_or_nothing_is_active_or_nothing_is_measured() {
         let as_foretold: &[f64] = &[0.6; 4];
-        for (foretold, shares) in [(FULL, as_foretold), ([0.9; 4], &[0.33; 4]), (FULL, &[])] {
+        for (foretold, shares) in
+            [(FULL, as_foretold), ([0.9; WHEELS_MAX], &[0.33; 4]), (FULL, &[])]
+        {
             let dropped = watched(5.0, foretold, shares).dropped();
-            assert_eq!(dropped, [false; 4], "{foretold:?} {shares:?}");
+            assert_eq!(dropped, [false; WHEELS_MAX], "{foretold:?} {shares:?}");
         }
     }
 
     #[test]
     fn a_dropped_row_is_back_as_soon_as_the_motor_is_at_its_limit() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
-        let limit = Robot::example().drive.current_limit_a;
+        let limit = Robot::example().current_limit_a().unwrap_or_default();
         currents.look(&Foretold::default(), &[-limit; 4]);
-        assert_eq!(currents.dropped(), [false; 4]);
+        assert_eq!(currents.dropped(), [false; WHEELS_MAX]);
         assert_eq!(currents.contradicted(), None);
     }
 
@@ -161,6 +168,6 @@ mod tests {
     fn after_a_reset_no_row_is_dropped() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
         currents.reset();
-        assert_eq!(currents.dropped(), [false; 4]);
+        assert_eq!(currents.dropped(), [false; WHEELS_MAX]);
     }
 }

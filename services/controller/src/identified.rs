@@ -135,7 +135,8 @@ mod tests {
         let file = folder.path().join("identified.toml");
         let mut controller = Controller::new(&told())?;
         let mut heavier = told();
-        heavier.robot.body.mass_kg *= 2.0;
+        heavier.robot.body =
+            heavier.robot.body.map(|body| robot::Body { mass_kg: 2.0 * body.mass_kg, ..body });
         settings::write(&file, &Controller::new(&heavier)?.knowledge().identified())?;
         let foreign = begin_with(&mut controller, &file);
         assert!(matches!(foreign, Err(IdentifiedError::Foreign { .. })), "{foreign:?}");

@@ -76,7 +76,8 @@ impl Knowledge {
             identify: settings.mpc.identify,
             blind: !settings.mpc.no_harm,
         };
-        let response = ResponseEstimator::new(&main, settings.robot.geometry.lever_m());
+        let response = ResponseEstimator::new(&main, settings.robot.wheels.lever_m())
+            .with_dead_time(settings.robot.dead_time_s());
         let bound = bound(&main, &settings.robot);
         Self {
             method: settings.mpc.method,
@@ -85,7 +86,7 @@ impl Knowledge {
                 &main,
                 bound,
                 response.response(),
-                Physics::new(&main, &settings.robot.geometry),
+                Physics::new(&main, &settings.robot.wheels),
             ),
             foresight,
             residual: [0.0; AXES],

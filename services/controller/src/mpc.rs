@@ -28,7 +28,7 @@
 //! use model::State;
 //! use model::main_model::MainModel;
 //! use model::predict::Belief;
-//! use robot::Robot;
+//! use robot::{Robot, WHEELS_MAX};
 //!
 //! let settings: MpcSettings = toml::from_str(
 //!     "horizon_steps = 10
@@ -89,7 +89,7 @@ use model::{State, Velocity};
 use nalgebra::SMatrix;
 use protocol::clock::monotonic_nanos;
 use qp::{QuadraticProgram, Vector, WIDTH};
-use robot::Robot;
+use robot::{Robot, WHEELS_MAX};
 use solver::Solver;
 use tightening::Tightening;
 
@@ -304,7 +304,7 @@ impl Mpc {
     }
 
     /// From now on the current rows of these wheels are inactive.
-    pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
+    pub fn drop_current_rows(&mut self, wheels: [bool; WHEELS_MAX]) {
         if self.limits.dropped() != wheels {
             self.limits.drop_current_rows(wheels);
             self.expectation = None;

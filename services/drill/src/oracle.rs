@@ -33,6 +33,7 @@ mod wheels;
 use super::record::{Message, Record};
 pub(super) use change::body as commanded;
 use graph::assembly::Assembly;
+use robot::Wheels;
 use said::Said;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -50,10 +51,8 @@ const GOOD_PERIODS: u64 = 3;
 pub struct Limits {
     /// T \[s\].
     pub period_s: f64,
-    /// r \[m\].
-    pub wheel_radius_m: f64,
-    /// a + b \[m\].
-    pub lever_m: f64,
+    /// The wheels.
+    pub wheels: Wheels,
     /// Largest speed of a wheel \[rad/s\].
     pub wheel_radps: f64,
     /// Largest change of the commanded body velocity \[m/s², m/s², rad/s²\].
@@ -72,9 +71,8 @@ impl Limits {
         let robot = &assembly.robot;
         Self {
             period_s: assembly.scenario.period_millis * 1e-3,
-            wheel_radius_m: robot.geometry.wheel_radius_m,
-            lever_m: robot.geometry.half_track_m + robot.geometry.half_wheelbase_m,
-            wheel_radps: robot.drive.wheel_speed_limit_radps,
+            wheels: robot.wheels,
+            wheel_radps: robot.wheel_speed_limit_radps(),
             rate: [
                 robot.limits.input_rate_mps2,
                 robot.limits.input_rate_mps2,

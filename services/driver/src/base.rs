@@ -1,7 +1,6 @@
 //! The interface that the author of a robot implements.
 
-use protocol::message::WHEELS_MAX;
-use robot::Velocity;
+use robot::{PerWheel, Velocity, WHEELS_MAX};
 
 /// A robot base: sensors out, body velocity in.
 ///
@@ -74,8 +73,8 @@ pub struct Sensors {
     pub estop: bool,
 }
 
-/// One number per wheel, in the order of the robot file; 0 for wheels that the robot does not have.
-pub type PerWheel = [f64; WHEELS_MAX];
+// Messages and robot files have the same number of wheels at most.
+const _: () = assert!(WHEELS_MAX == protocol::message::WHEELS_MAX);
 
 /// `values` with one entry for each possible wheel. Entries beyond [`WHEELS_MAX`] are dropped.
 pub fn per_wheel(values: &[f64]) -> PerWheel {

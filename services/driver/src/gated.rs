@@ -1,23 +1,19 @@
 //! One base behind its gate, period by period.
 
-use crate::base::per_wheel;
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
 use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
 use protocol::message::{Command, FallbackLevel, PlantState, Reason, Truth};
-use robot::{Geometry, Velocity, kinematics};
+use robot::{PerWheel, Velocity, Wheels};
 
 /// Longest time that the base drives between two decisions of the gate: the step of the braking
 /// ramp \[ns\].
 pub const SLICE_NANOS: u64 = 2_000_000;
 
-/// Number of wheels of a mecanum base.
-const WHEELS: u32 = 4;
-
 /// Base and gate of one plant epoch. All times are nanoseconds since its start.
 pub struct GatedBase<B> {
     base: B,
     gate: Gate,
-    geometry: Geometry,
+    wheels: Wheels,
     decision: Decision,
     /// Fallback level and reason of the past period.
     past: (FallbackLevel, Reason),
@@ -38,7 +34,7 @@ pub struct GatedBase<B> {
 /// Input of the wheels in the past period, for the truth message.
 #[derive(Debug, Clone, Copy, Default)]
 struct Witnessed {
-    wheel_peak: [f64; 4],
+    wheel_peak: PerWheel,
     acting_age_nanos: u64,
     takeovers: u32,
     takeovers_back: u32,
@@ -56,7 +52,7 @@ impl<B: Base> GatedBase<B> {
         Self {
             base,
             gate,
-            geometry: settings.robot.geometry,
+            wheels: settings.robot.wheels,
             decision,
             past: (FallbackLevel::Waiting, Reason::NoCommandYet),
             at: 0,
@@ -151,7 +147,7 @@ impl<B: Base> GatedBase<B> {
 
     /// Records what acts in the slice that begins at `self.at`.
     fn witness(&mut self) {
-        let wheels = kinematics::wheels_from_body(&self.geometry, self.motor_input());
+        let wheels = self.wheels.speeds(self.motor_input());
         let witnessed = &mut self.witnessed;
         for (peak, wheel) in witnessed.wheel_peak.iter_mut().zip(wheels) {
             // This form keeps NaN.
@@ -184,7 +180,7 @@ impl<B: Base> GatedBase<B> {
         state.stamp.tick = tick;
         state.pose = sensors.pose;
         state.velocity = sensors.velocity;
-        state.wheels = WHEELS;
+        state.wheels = self.wheels.count() as u32;
         state.wheel_speed = sensors.wheel_speed.unwrap_or_default();
         state.wheel_speed_valid = u32::from(sensors.wheel_speed.is_some());
         state.current = sensors.current.unwrap_or_default();
@@ -219,10 +215,9 @@ impl<B: Base> GatedBase<B> {
         truth.pose = now.pose;
         truth.velocity = now.velocity;
         truth.force = now.force;
-        truth.wheels = WHEELS;
-        let wheels = kinematics::wheels_from_body(&self.geometry, self.motor_input());
-        (truth.wheel_command, truth.wheel_peak) =
-            (per_wheel(&wheels), per_wheel(&witnessed.wheel_peak));
+        truth.wheels = self.wheels.count() as u32;
+        truth.wheel_command = self.wheels.speeds(self.motor_input());
+        truth.wheel_peak = witnessed.wheel_peak;
         (truth.acting_epoch, truth.acting_writer, truth.acting_tick) = (epoch, writer, acting_tick);
         truth.acting_age_nanos = witnessed.acting_age_nanos;
         (truth.takeovers, truth.takeovers_back) = (witnessed.takeovers, witnessed.takeovers_back);

@@ -20,7 +20,7 @@
 
 use crate::base::per_wheel;
 use crate::{Base, BaseError, Sensors, Start, TrueState};
-use robot::Velocity;
+use robot::{PerWheel, Velocity};
 use serde::{Deserialize, Serialize};
 use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::path::PathBuf;
@@ -29,9 +29,6 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Number of wheels of a mecanum base.
-const WHEELS: usize = 4;
-const WHEELS_READY: u32 = WHEELS as u32;
 /// Longest time until the program is ready. It includes an installation at the first start.
 const READY_WITHIN: Duration = Duration::from_mins(10);
 /// Longest time for a reply.
@@ -71,7 +68,7 @@ struct Drive {
 #[derive(Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum FirstAnswer {
-    Ready { wheels: u32 },
+    Ready { wheels: usize },
     Refused { key: String, expected: String },
 }
 
@@ -80,8 +77,8 @@ enum FirstAnswer {
 struct Reading {
     pose: [f64; 3],
     velocity: Velocity,
-    wheel_speed: Option<[f64; WHEELS]>,
-    current: Option<[f64; WHEELS]>,
+    wheel_speed: Option<Vec<f64>>,
+    current: Option<Vec<f64>>,
     #[serde(default)]
     input_delay_s: f64,
     #[serde(default)]
@@ -102,15 +99,22 @@ pub struct PipedBase {
     child: Child,
     input: Option<BufWriter<ChildStdin>>,
     answers: Receiver<io::Result<String>>,
+    wheels: usize,
     truth: Option<TrueState>,
 }
 
 impl PipedBase {
-    /// Starts the program and waits until it is ready. `seed` is the seed of its noise.
+    /// Starts the program of a base with so many `wheels`, and waits until it is ready. `seed` is
+    /// the seed of its noise.
     ///
     /// # Errors
-    /// [`BaseError`] if it does not start, rejects its settings, or does not have four wheels.
-    pub fn start(told: &Program, start: Start, seed: u64) -> Result<Self, BaseError> {
+    /// [`BaseError`] if it does not start, rejects its settings, or has another number of wheels.
+    pub fn start(
+        told: &Program,
+        wheels: usize,
+        start: Start,
+        seed: u64,
+    ) -> Result<Self, BaseError> {
         let name = told.program.display().to_string();
         let mut child = Command::new(&told.program)
             .stdin(Stdio::piped())
@@ -119,14 +123,14 @@ impl PipedBase {
             .map_err(|source| BaseError::Start { program: name.clone(), source })?;
         let input = child.stdin.take().map(BufWriter::new);
         let answers = read_lines(child.stdout.take());
-        let mut this = Self { name, child, input, answers, truth: None };
+        let mut this = Self { name, child, input, answers, wheels, truth: None };
         this.say(&First { settings: &told.settings, start, seed })?;
         match this.answer(READY_WITHIN)? {
-            FirstAnswer::Ready { wheels: WHEELS_READY } => Ok(this),
+            FirstAnswer::Ready { wheels } if wheels == this.wheels => Ok(this),
             FirstAnswer::Ready { wheels } => Err(BaseError::Answer {
                 program: this.name.clone(),
                 line: format!("wheels = {wheels}"),
-                reason: "expected four wheels of a mecanum base".to_owned(),
+                reason: format!("expected {}, as in the robot file", this.wheels),
             }),
             FirstAnswer::Refused { key, expected } => Err(BaseError::Refused { key, expected }),
         }
@@ -167,6 +171,22 @@ impl PipedBase {
             Err(error) => error.to_string(),
         };
         BaseError::Ended { program: self.name.clone(), reason }
+    }
+
+    /// The values of a sensor that has one for each wheel.
+    fn per_wheel(
+        &self,
+        key: &str,
+        values: Option<Vec<f64>>,
+    ) -> Result<Option<PerWheel>, BaseError> {
+        match values {
+            Some(values) if values.len() != self.wheels => Err(BaseError::Answer {
+                program: self.name.clone(),
+                line: format!("{key} = {values:?}"),
+                reason: format!("expected {} numbers", self.wheels),
+            }),
+            values => Ok(values.map(|values| per_wheel(&values))),
+        }
     }
 
     /// Waits for the end of the program, whose input has ended; kills it if that takes too long.
@@ -215,8 +235,8 @@ impl Base for PipedBase {
         Ok(Sensors {
             pose: reading.pose,
             velocity: reading.velocity,
-            wheel_speed: reading.wheel_speed.map(|values| per_wheel(&values)),
-            current: reading.current.map(|values| per_wheel(&values)),
+            wheel_speed: self.per_wheel("wheel_speed", reading.wheel_speed)?,
+            current: self.per_wheel("current", reading.current)?,
             input_delay_s: reading.input_delay_s,
             estop: reading.estop,
         })

@@ -35,7 +35,7 @@ impl Script {
     fn start(&self) -> Result<PipedBase, BaseError> {
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/robot");
         let program = Program { program, settings: self.settings.clone() };
-        PipedBase::start(&program, Start::default(), 7)
+        PipedBase::start(&program, 4, Start::default(), 7)
     }
 
     /// The lines that the program received.
@@ -114,7 +114,7 @@ fn a_program_that_rejects_a_setting_names_it() -> Outcome {
 fn a_program_that_is_missing_or_replies_wrongly_or_has_other_wheels_is_rejected() -> Outcome {
     let nowhere = Program { program: "/nowhere/robot".into(), settings: toml::Table::new() };
     assert!(matches!(
-        PipedBase::start(&nowhere, Start::default(), 1),
+        PipedBase::start(&nowhere, 4, Start::default(), 1),
         Err(BaseError::Start { .. })
     ));
     for first in ["hello", r#"{"ready": {"wheels": 3}}"#] {

@@ -227,6 +227,7 @@ impl Belief {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use robot::Drive;
 
     #[test]
     fn a_wrong_belief_changes_one_number_of_the_robot_file()
@@ -234,9 +235,13 @@ mod tests {
         let robot = Robot::example();
         let belief: Belief = "drive.current_limit_a=0.5".parse()?;
         let mut expected = robot;
-        expected.drive.current_limit_a *= 0.5;
+        expected.drive = expected
+            .drive
+            .map(|drive| Drive { current_limit_a: 0.5 * drive.current_limit_a, ..drive });
         assert_eq!(belief.of(&robot)?, expected);
-        for wrong in ["drive.curent_limit_a=2", "mass=2", "body.mass_kg=-1"] {
+        for wrong in
+            ["drive.curent_limit_a=2", "mass=2", "body.mass_kg=-1", "wheels.mecanum.track_m=0"]
+        {
             assert!(wrong.parse::<Belief>()?.of(&robot).is_err(), "{wrong}");
         }
         assert!("body.mass_kg=much".parse::<Belief>().is_err());

@@ -1,6 +1,6 @@
 //! Bounds of an input: box, wheel speeds and change per period; and the ramp of the brake.
 
-use robot::{Robot, Velocity, kinematics};
+use robot::{Robot, Velocity, WHEELS_MAX};
 
 /// Rounding error of an optimiser at a bound, relative.
 const SLACK: f64 = 1e-6;
@@ -19,7 +19,8 @@ pub struct Bounds {
     input: Velocity,
     change: Velocity,
     brake: Velocity,
-    wheel: [Velocity; 4],
+    /// Of J/(r `ω_max`); rows of no wheel are 0.
+    wheel: [Velocity; WHEELS_MAX],
 }
 
 impl Bounds {
@@ -27,7 +28,7 @@ impl Bounds {
     pub fn new(robot: &Robot, period_nanos: u64, link_delay_nanos: u64) -> Self {
         let limits = &robot.limits;
         let period = period_nanos as f64 * 1e-9;
-        let per_wheel = 1.0 / (robot.geometry.wheel_radius_m * robot.drive.wheel_speed_limit_radps);
+        let top_speed = robot.wheel_speed_limit_radps();
         Self {
             period_nanos,
             link_delay_nanos,
@@ -35,8 +36,7 @@ impl Bounds {
             change: [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2]
                 .map(|rate| rate * period * CHANGE_SLACK),
             brake: [limits.brake_mps2, limits.brake_mps2, limits.yaw_brake_radps2],
-            wheel: kinematics::jacobian(&robot.geometry)
-                .map(|row| row.map(|value| value * per_wheel)),
+            wheel: robot.wheels.scaled_rows(|radius| 1.0 / (radius * top_speed)),
         }
     }
 

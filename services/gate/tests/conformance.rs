@@ -3,7 +3,7 @@
 
 use gate::{Bounds, Gate, Order};
 use protocol::message::{Command, Reason, TAIL_MAX};
-use robot::{Robot, Velocity};
+use robot::{Drive, Robot, Velocity, Wheels};
 use serde::Deserialize;
 use std::error::Error;
 use std::fs;
@@ -121,10 +121,11 @@ impl Said {
 
 fn bounds(limits: &Limits, period_nanos: u64) -> Bounds {
     let mut robot = Robot::example();
-    robot.geometry.wheel_radius_m = limits.wheel_radius;
-    robot.geometry.half_wheelbase_m = 0.5 * limits.lever;
-    robot.geometry.half_track_m = 0.5 * limits.lever;
-    robot.drive.wheel_speed_limit_radps = limits.wheel_speed;
+    if let Ok(wheels) = Wheels::mecanum(limits.wheel_radius, limits.lever, limits.lever) {
+        robot.wheels = wheels;
+    }
+    robot.drive =
+        robot.drive.map(|drive| Drive { wheel_speed_limit_radps: limits.wheel_speed, ..drive });
     let [input_mps, _, yaw_input_radps] = limits.input;
     let [input_rate_mps2, _, yaw_input_rate_radps2] = limits.rate;
     let [brake_mps2, _, yaw_brake_radps2] = limits.brake;

@@ -58,6 +58,10 @@ impl Check for RobotFile {
     fn check(&self) -> Result<(), Impossible> {
         self.0.check().map_err(|impossible| Impossible::new(impossible.key, impossible.expected))
     }
+
+    fn replaced() -> &'static [(&'static str, &'static str)] {
+        &[("geometry", "[wheels.mecanum] with radius_m, wheelbase_m and track_m")]
+    }
 }
 
 /// Settings of the recorder: only those of the run.

@@ -165,6 +165,14 @@ fn merge(table: &mut toml::Table, over: toml::Table) {
 }
 
 impl Check for Scenario {
+    fn replaced() -> &'static [(&'static str, &'static str)] {
+        &[
+            ("truth.wheel_radius_m", "truth.wheels.mecanum.radius_m"),
+            ("truth.half_wheelbase_m", "truth.wheels.mecanum.wheelbase_m, twice its value"),
+            ("truth.half_track_m", "truth.wheels.mecanum.track_m, twice its value"),
+        ]
+    }
+
     fn check(&self) -> Result<(), Impossible> {
         if !(1.0..=1000.0).contains(&self.period_millis) {
             return Err(Impossible::new("period_millis", "1 to 1000 ms"));

@@ -6,6 +6,9 @@
 //! ```text
 //! λ v̇ = κ u − (κ + f) v      v⁺ = A v + B u,   A = e^{−(κ+f)T/λ},   B = κ/(κ+f) (1 − A)
 //! ```
+//!
+//! A robot file may state the response itself, with a time constant τ and a gain K per axis:
+//! A = e^{−T/τ}, B = K (1 − A).
 
 use crate::Velocity;
 use crate::dynamics;
@@ -39,10 +42,18 @@ pub enum Motion {
 impl MainModel {
     /// The main model of `robot` for a period of `period` \[s\].
     pub fn new(robot: &Robot, period: f64) -> Self {
-        let stiffness = dynamics::speed_loop_stiffness(robot);
-        let loss = stiffness + robot.body.axle_friction_nms;
-        let decay = dynamics::axis_inertia(robot).map(|inertia| (-loss * period / inertia).exp());
-        let gain = decay.map(|a| stiffness / loss * (1.0 - a));
+        let (decay, gain) = if let (Some(body), Some(drive)) = (&robot.body, &robot.drive) {
+            let stiffness = dynamics::speed_loop_stiffness(drive);
+            let loss = stiffness + body.axle_friction_nms;
+            let inertia = dynamics::axis_inertia(robot, body);
+            let decay = inertia.map(|inertia| (-loss * period / inertia).exp());
+            (decay, decay.map(|a| stiffness / loss * (1.0 - a)))
+        } else {
+            // A robot file without motors has a response.
+            let response = robot.response.unwrap_or_default();
+            let decay = response.time_constant_s.map(|constant| (-period / constant).exp());
+            (decay, std::array::from_fn(|axis| response.gain[axis] * (1.0 - decay[axis])))
+        };
         Self { decay, gain, end_share: decay.map(end_share), period, motion: Motion::MeanVelocity }
     }
 
@@ -159,7 +170,8 @@ mod tests {
     #[test]
     fn another_mass_has_another_fingerprint() {
         let mut heavier = Robot::example();
-        heavier.body.mass_kg += 1e-9;
+        heavier.body =
+            heavier.body.map(|body| robot::Body { mass_kg: body.mass_kg + 1e-9, ..body });
         let print = |robot: &Robot, layout| fingerprint(&MainModel::new(robot, 0.1), layout);
         assert_ne!(print(&Robot::example(), "velocity-slip"), print(&heavier, "velocity-slip"));
         assert_ne!(

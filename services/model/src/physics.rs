@@ -17,7 +17,6 @@
 //! Ornstein–Uhlenbeck process of time constant τ. Weights that new data contradict, or no longer
 //! excite, are forgotten. The posterior is that of a Kalman filter. It is exact except for R, the
 //! variance of a sample, which follows the innovations:
-//! the innovations:
 //!
 //! ```text
 //! w ← ρ w    P ← ρ² P + (1 − ρ²) P₀    ρ = e^{−T/τ}
@@ -30,7 +29,7 @@ use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
 use nalgebra::{SMatrix, SVector};
-use robot::{Geometry, kinematics};
+use robot::Wheels;
 use serde::{Deserialize, Serialize};
 
 /// Features of one axis.
@@ -121,7 +120,7 @@ impl FoundPhysics {
 #[derive(Debug, Clone)]
 pub struct Physics {
     main: MainModel,
-    geometry: Geometry,
+    wheels: Wheels,
     /// Converts a yaw rate to a speed \[–, –, m\].
     scale: Velocity,
     axes: [Axis; AXES],
@@ -131,12 +130,12 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// The prior, about `main`, for a robot of this geometry.
-    pub fn new(main: &MainModel, geometry: &Geometry) -> Self {
+    /// The prior, about `main`, for a robot with these wheels.
+    pub fn new(main: &MainModel, wheels: &Wheels) -> Self {
         Self {
             main: *main,
-            geometry: *geometry,
-            scale: [1.0, 1.0, geometry.lever_m()],
+            wheels: *wheels,
+            scale: [1.0, 1.0, wheels.lever_m()],
             axes: [Axis::new(); AXES],
             kept: (-main.period / MEMORY_S).exp(),
             taken: 0,
@@ -192,10 +191,11 @@ impl Physics {
         let v: Velocity = std::array::from_fn(|axis| self.scale[axis] * at.velocity[axis]);
         let slip: Velocity =
             std::array::from_fn(|axis| self.scale[axis] * at.input[axis] - v[axis]);
-        let rims = kinematics::wheels_from_body(&self.geometry, at.velocity)
-            .map(|speed| (speed * self.geometry.wheel_radius_m / FULL_MPS).tanh());
-        let radius = self.geometry.wheel_radius_m;
-        let friction = kinematics::body_from_wheels(&self.geometry, rims).map(|x| x / radius);
+        let mut turning = self.wheels.speeds(at.velocity);
+        for (speed, radius) in turning.iter_mut().zip(self.wheels.radii_m()) {
+            *speed = (*speed * radius / FULL_MPS).tanh() / radius;
+        }
+        let friction = self.wheels.body(&turning);
         let rate = at.velocity[2];
         std::array::from_fn(|axis| {
             let one = 1.0 - self.main.decay[axis];
@@ -249,7 +249,7 @@ mod tests {
 
     fn physics() -> Physics {
         let robot = Robot::example();
-        Physics::new(&MainModel::new(&robot, 0.02), &robot.geometry)
+        Physics::new(&MainModel::new(&robot, 0.02), &robot.wheels)
     }
 
     /// A moment of a drive that excites every axis.

@@ -222,6 +222,16 @@ impl ResponseEstimator {
         }
     }
 
+    /// Begins with the compared dead time that is nearest to this one \[s\].
+    #[must_use]
+    pub fn with_dead_time(mut self, dead_time_s: f64) -> Self {
+        let periods = dead_time_s / self.main.period;
+        let apart = |index: &usize| (DEAD_TIMES[*index] - periods).abs();
+        let nearest = (0..DEAD_TIMES.len()).min_by(|a, b| apart(a).total_cmp(&apart(b)));
+        self.believed = nearest.unwrap_or(0);
+        self
+    }
+
     /// The response identified so far. Allocates.
     pub fn found(&self) -> FoundResponse {
         let Self { believed, taken, hypotheses, .. } = self;

@@ -1,23 +1,24 @@
-//! The believed parameters of a mecanum base: wheel positions, kinematics and limits.
+//! The believed parameters of an omnidirectional base: wheels, response and limits.
 //!
 //! | module         | what it holds                                                    |
 //! |----------------|------------------------------------------------------------------|
 //! | `robot`        | [`Robot`]: the content of a robot file, and its checks           |
 //! | `tracking_limit` | [`TrackingLimit`]: a number, `"none"` or the default           |
-//! | `geometry`     | [`Geometry`]: where the wheels are                               |
-//! | [`kinematics`] | wheel speeds from body velocity and back                         |
+//! | `wheels`       | [`Wheels`]: where they are, and wheel speeds from body velocity and back |
 //!
-//! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels in the order
-//! front-right, front-left, rear-left, rear-right.
+//! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. The wheels have the order
+//! of the robot file.
 
-mod geometry;
-pub mod kinematics;
 mod robot;
 mod tracking_limit;
+mod wheels;
 
-pub use geometry::Geometry;
-pub use robot::{Body, Drive, Impossible, Limits, Robot};
+pub use robot::{Body, Drive, Impossible, Limits, Response, Robot};
 pub use tracking_limit::TrackingLimit;
+pub use wheels::{
+    ImpossibleWheels, Layout, Mecanum, Omni, PerWheel, Rollers, Twist, WHEELS_MAX, Wheel,
+    WheelList, Wheels,
+};
 
 /// Velocity axes of the body: forward, left, yaw.
 pub const AXES: usize = 3;

@@ -1,6 +1,6 @@
-//! One mecanum base: geometry, masses, motors and limits, as in a robot file.
+//! One omnidirectional base: wheels, response and limits, as in a robot file.
 
-use crate::{Geometry, TrackingLimit};
+use crate::{TrackingLimit, Velocity, Wheels};
 use serde::{Deserialize, Serialize};
 
 /// Smallest value of a positive parameter. Between this and [`LARGEST`] the main model of every
@@ -13,12 +13,17 @@ const LARGEST: f64 = 1e9;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
-    /// Wheel radius and wheel positions.
-    pub geometry: Geometry,
-    /// Masses and frictions, as believed.
-    pub body: Body,
-    /// Motors and their speed loop.
-    pub drive: Drive,
+    /// Kind and places of the wheels.
+    pub wheels: Wheels,
+    /// Masses and frictions, as believed. With `drive`, in place of `response`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<Body>,
+    /// Motors and their speed loop. With `body`, in place of `response`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drive: Option<Drive>,
+    /// How the base responds to its inputs, in place of `body` and `drive`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub response: Option<Response>,
     /// Limits of its inputs.
     pub limits: Limits,
 }
@@ -51,6 +56,40 @@ pub struct Drive {
     pub current_limit_a: f64,
     /// Largest wheel speed \[rad/s\].
     pub wheel_speed_limit_radps: f64,
+}
+
+/// How the base responds to its inputs: what a data sheet or an experiment says of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Response {
+    /// Steady velocity per input: forward, left, yaw \[1\].
+    #[serde(default = "unchanged")]
+    pub gain: Velocity,
+    /// Time in which the velocity has made 1 − 1/e of a step: forward, left, yaw \[s\].
+    pub time_constant_s: Velocity,
+    /// Time from an input to the first motion \[s\]. The controller begins with it and identifies
+    /// it further.
+    #[serde(default)]
+    pub dead_time_s: f64,
+    /// Largest wheel speed, if it is known \[rad/s\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wheel_speed_limit_radps: Option<f64>,
+}
+
+impl Default for Response {
+    /// A base that follows its input within half a second.
+    fn default() -> Self {
+        Self {
+            gain: unchanged(),
+            time_constant_s: [0.5; 3],
+            dead_time_s: 0.0,
+            wheel_speed_limit_radps: None,
+        }
+    }
+}
+
+fn unchanged() -> Velocity {
+    [1.0; 3]
 }
 
 /// Limits of the inputs, independent of those of the wheels.
@@ -94,24 +133,21 @@ impl Robot {
     /// and benches.
     pub fn example() -> Self {
         Self {
-            geometry: Geometry {
-                wheel_radius_m: 0.05,
-                half_wheelbase_m: 0.125,
-                half_track_m: 0.15,
-            },
-            body: Body {
+            wheels: Wheels::example(),
+            body: Some(Body {
                 mass_kg: 15.0,
                 yaw_inertia_kg_m2: 0.6,
                 wheel_inertia_kg_m2: 2e-3,
                 axle_friction_nms: 2e-3,
-            },
-            drive: Drive {
+            }),
+            drive: Some(Drive {
                 pole_pairs: 4.0,
                 torque_constant_nm_per_a: 0.04,
                 speed_loop_gain_a_s_per_rad: 0.5,
                 current_limit_a: 20.0,
                 wheel_speed_limit_radps: 120.0,
-            },
+            }),
+            response: None,
             limits: Limits {
                 input_mps: 5.0,
                 yaw_input_radps: 6.0,
@@ -134,8 +170,8 @@ impl Robot {
     /// Distance from the reference above which the robot is stopped \[m\], if there is such a
     /// limit.
     pub fn tracking_error_m(&self) -> Option<f64> {
-        let Geometry { half_wheelbase_m, half_track_m, .. } = self.geometry;
-        let diagonal = 2.0 * half_wheelbase_m.hypot(half_track_m);
+        let [ahead, side] = self.wheels.half_extent_m();
+        let diagonal = 2.0 * ahead.hypot(side);
         self.limits.tracking_error_m.or(Self::TRACKING_DIAGONALS * diagonal)
     }
 
@@ -144,22 +180,32 @@ impl Robot {
         self.limits.tracking_error_heading_rad.or(Self::TRACKING_HEADING_RAD)
     }
 
+    /// Largest current of a motor, if the robot file has motors \[A\].
+    pub fn current_limit_a(&self) -> Option<f64> {
+        self.drive.map(|drive| drive.current_limit_a)
+    }
+
+    /// Largest wheel speed; infinite if it is not known \[rad/s\].
+    pub fn wheel_speed_limit_radps(&self) -> f64 {
+        let of_response = self.response.and_then(|response| response.wheel_speed_limit_radps);
+        self.drive
+            .map(|drive| drive.wheel_speed_limit_radps)
+            .or(of_response)
+            .unwrap_or(f64::INFINITY)
+    }
+
+    /// Dead time that the robot file states; 0 if it has motors \[s\].
+    pub fn dead_time_s(&self) -> f64 {
+        self.response.map_or(0.0, |response| response.dead_time_s)
+    }
+
     /// Checks that the parameters are possible.
     ///
     /// # Errors
     /// [`Impossible`] names the first parameter that is impossible.
     pub fn check(&self) -> Result<(), Impossible> {
-        let positive = [
-            ("geometry.wheel_radius_m", self.geometry.wheel_radius_m),
-            ("geometry.half_wheelbase_m", self.geometry.half_wheelbase_m),
-            ("geometry.half_track_m", self.geometry.half_track_m),
-            ("body.mass_kg", self.body.mass_kg),
-            ("body.yaw_inertia_kg_m2", self.body.yaw_inertia_kg_m2),
-            ("drive.pole_pairs", self.drive.pole_pairs),
-            ("drive.torque_constant_nm_per_a", self.drive.torque_constant_nm_per_a),
-            ("drive.speed_loop_gain_a_s_per_rad", self.drive.speed_loop_gain_a_s_per_rad),
-            ("drive.current_limit_a", self.drive.current_limit_a),
-            ("drive.wheel_speed_limit_radps", self.drive.wheel_speed_limit_radps),
+        self.check_kind()?;
+        let mut positive = vec![
             ("limits.input_mps", self.limits.input_mps),
             ("limits.yaw_input_radps", self.limits.yaw_input_radps),
             ("limits.input_rate_mps2", self.limits.input_rate_mps2),
@@ -167,6 +213,38 @@ impl Robot {
             ("limits.brake_mps2", self.limits.brake_mps2),
             ("limits.yaw_brake_radps2", self.limits.yaw_brake_radps2),
         ];
+        let mut not_negative = Vec::new();
+        if let Some(body) = &self.body {
+            positive.extend([
+                ("body.mass_kg", body.mass_kg),
+                ("body.yaw_inertia_kg_m2", body.yaw_inertia_kg_m2),
+            ]);
+            not_negative.extend([
+                ("body.wheel_inertia_kg_m2", body.wheel_inertia_kg_m2),
+                ("body.axle_friction_nms", body.axle_friction_nms),
+            ]);
+        }
+        if let Some(drive) = &self.drive {
+            positive.extend([
+                ("drive.pole_pairs", drive.pole_pairs),
+                ("drive.torque_constant_nm_per_a", drive.torque_constant_nm_per_a),
+                ("drive.speed_loop_gain_a_s_per_rad", drive.speed_loop_gain_a_s_per_rad),
+                ("drive.current_limit_a", drive.current_limit_a),
+                ("drive.wheel_speed_limit_radps", drive.wheel_speed_limit_radps),
+            ]);
+        }
+        if let Some(response) = &self.response {
+            positive.extend(response.gain.map(|gain| ("response.gain", gain)));
+            positive.extend(
+                response.time_constant_s.map(|constant| ("response.time_constant_s", constant)),
+            );
+            positive.extend(
+                response
+                    .wheel_speed_limit_radps
+                    .map(|limit| ("response.wheel_speed_limit_radps", limit)),
+            );
+            not_negative.push(("response.dead_time_s", response.dead_time_s));
+        }
         for (key, value) in positive {
             if !(SMALLEST..=LARGEST).contains(&value) {
                 return Err(Impossible {
@@ -175,10 +253,6 @@ impl Robot {
                 });
             }
         }
-        let not_negative = [
-            ("body.wheel_inertia_kg_m2", self.body.wheel_inertia_kg_m2),
-            ("body.axle_friction_nms", self.body.axle_friction_nms),
-        ];
         for (key, value) in not_negative {
             if !(0.0..=LARGEST).contains(&value) {
                 return Err(Impossible { key, expected: "a number from 0 to 1e9" });
@@ -197,5 +271,22 @@ impl Robot {
             }
         }
         Ok(())
+    }
+
+    /// Checks that the response is given in one way.
+    fn check_kind(&self) -> Result<(), Impossible> {
+        let impossible = |key, expected| Err(Impossible { key, expected });
+        match (&self.body, &self.drive, &self.response) {
+            (Some(_) | None, Some(_), Some(_)) | (Some(_), None, Some(_)) => {
+                impossible("response", "either [response], or [body] and [drive]")
+            }
+            (None, None, None) => impossible("response", "[response], or [body] and [drive]"),
+            (Some(_), None, None) => impossible("drive", "[drive] beside [body]"),
+            (None, Some(_), None) => impossible("body", "[body] beside [drive]"),
+            (Some(_), Some(_), None) if self.wheels.count() == 0 => {
+                impossible("response", "[response] for a base without known wheels (wheels.twist)")
+            }
+            _ => Ok(()),
+        }
     }
 }

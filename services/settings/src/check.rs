@@ -9,6 +9,11 @@ pub trait Check {
     fn check(&self) -> Result<(), Impossible> {
         Ok(())
     }
+
+    /// Keys of earlier versions, each with what has replaced it. An error names it.
+    fn replaced() -> &'static [(&'static str, &'static str)] {
+        &[]
+    }
 }
 
 /// An impossible setting.

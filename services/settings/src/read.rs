@@ -31,7 +31,8 @@ pub fn parse<T: DeserializeOwned + Check>(text: &str, file: &Path) -> Result<T, 
     let root = DeTable::parse(text).map_err(|error| syntax(text, file, &error))?;
     let document = Document::new(text, root.get_ref());
     let settings = T::deserialize(Deserializer::from(root))
-        .map_err(|error| explain::refusal(&document, file, &error))?;
+        .map_err(|error| explain::refusal(&document, file, &error))
+        .map_err(|refusal| with_replacement(refusal, T::replaced()))?;
     settings.check().map_err(|impossible| explain::impossible(&document, file, impossible))?;
     Ok(settings)
 }
@@ -47,6 +48,16 @@ pub fn write<T: Serialize>(file: &Path, settings: &T) -> Result<(), WriteError> 
     })?;
     fs::write(file, text)
         .map_err(|source| WriteError::Unwritable { file: file.to_path_buf(), source })
+}
+
+/// The same error; for a key of an earlier version, what has replaced it is expected.
+fn with_replacement(mut refusal: SettingsError, replaced: &[(&str, &str)]) -> SettingsError {
+    if let SettingsError::UnknownKey { key, known, .. } = &mut refusal
+        && let Some((_, by)) = replaced.iter().find(|(old, _)| old == key)
+    {
+        *known = vec![(*by).to_owned()];
+    }
+    refusal
 }
 
 /// Bytes whose byte `place` is the first that is not UTF-8.

@@ -21,7 +21,7 @@ fn the_error_names_the_path_of_an_impossible_setting() {
     let cases = [
         ("mass_kg", Truth { mass_kg: 0.0, ..plain() }),
         ("yaw_inertia_kg_m2", Truth { yaw_inertia_kg_m2: f64::INFINITY, ..plain() }),
-        ("motor_gain.2", Truth { motor_gain: [1.0, 1.0, -0.1, 1.0], ..plain() }),
+        ("motor_gain.2", Truth { motor_gain: vec![1.0, 1.0, -0.1, 1.0], ..plain() }),
         ("command_delay_s", Truth { command_delay_s: 0.000_05, ..plain() }),
         ("current_lag_s", Truth { current_lag_s: 1e-5, ..plain() }),
         ("push.force_n", Truth { push: Some(push), ..plain() }),

@@ -43,7 +43,7 @@ impl Guard {
             bounds: Bounds::new(robot, period_nanos, 0),
             choice: FallbackChoice::default(),
             tracking: TrackingJudge::new(robot),
-            loop_judge: judged.then(|| LoopJudge::new(period, robot.geometry.lever_m(), largest)),
+            loop_judge: judged.then(|| LoopJudge::new(period, robot.wheels.lever_m(), largest)),
             currents: Currents::new(robot, period),
             foretold: [Foretold::default(); DELAY_MAX + 1],
         }
@@ -139,7 +139,7 @@ impl Guard {
     }
 
     /// Wheels whose current rows the measurements contradict.
-    pub(super) fn dropped_current_rows(&self) -> [bool; 4] {
+    pub(super) fn dropped_current_rows(&self) -> [bool; robot::WHEELS_MAX] {
         self.currents.dropped()
     }
 

@@ -64,7 +64,7 @@ impl Planner {
     }
 
     /// From now on the current rows of these wheels are inactive.
-    pub(super) fn drop_current_rows(&mut self, wheels: [bool; 4]) {
+    pub(super) fn drop_current_rows(&mut self, wheels: [bool; robot::WHEELS_MAX]) {
         self.mpc.drop_current_rows(wheels);
     }
 

@@ -13,7 +13,7 @@ fn main() -> MainModel {
 
 fn explanations(choice: Choice) -> Explanations {
     let response = ResponseEstimator::new(&main(), 0.5).response();
-    let physics = Physics::new(&main(), &Robot::example().geometry);
+    let physics = Physics::new(&main(), &Robot::example().wheels);
     Explanations::new(choice, &main(), [1.0; AXES], response, physics)
 }
 

@@ -18,7 +18,7 @@ use crate::settings::StateLimits;
 use model::main_model::MainModel;
 use model::{State, Velocity};
 use nalgebra::SVector;
-use robot::{Robot, kinematics};
+use robot::{Robot, WHEELS_MAX};
 
 /// Linear penalty of a slack of 1. It is greater than any multiplier of a soft row, so slacks stay
 /// zero where they can.
@@ -53,10 +53,12 @@ enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InputLimits {
     /// Rows that are multiplied by u, each at most 1 either way: J/(r `ω_max`).
-    pub wheel: [Velocity; 4],
+    pub wheel: [Velocity; WHEELS_MAX],
     /// Rows that are multiplied by u − v, each at most 1 either way: `k_p` J/(r `i_max`), if the
     /// currents are limited.
-    pub current: Option<[Velocity; 4]>,
+    pub current: Option<[Velocity; WHEELS_MAX]>,
+    /// Number of wheels; the rows of the others are 0.
+    pub wheels: usize,
     /// `u_max` \[m/s, m/s, rad/s\].
     pub input: Velocity,
     /// Largest change in one period, if there is one \[m/s, m/s, rad/s\].
@@ -66,15 +68,16 @@ pub struct InputLimits {
 impl InputLimits {
     /// The limits of `robot` for a period of `period` \[s\].
     pub fn of(robot: &Robot, period: f64) -> Self {
-        let jacobian = kinematics::jacobian(&robot.geometry);
-        let radius = robot.geometry.wheel_radius_m;
-        let scaled = |by: f64| jacobian.map(|row| row.map(|value| value * by));
         let limits = &robot.limits;
+        let top_speed = robot.wheel_speed_limit_radps();
         Self {
-            wheel: scaled(1.0 / (radius * robot.drive.wheel_speed_limit_radps)),
-            current: Some(scaled(
-                robot.drive.speed_loop_gain_a_s_per_rad / (radius * robot.drive.current_limit_a),
-            )),
+            wheel: robot.wheels.scaled_rows(|radius| 1.0 / (radius * top_speed)),
+            current: robot.drive.map(|drive| {
+                robot.wheels.scaled_rows(|radius| {
+                    drive.speed_loop_gain_a_s_per_rad / (radius * drive.current_limit_a)
+                })
+            }),
+            wheels: robot.wheels.count(),
             input: [limits.input_mps, limits.input_mps, limits.yaw_input_radps],
             change: Some(
                 [limits.input_rate_mps2, limits.input_rate_mps2, limits.yaw_input_rate_radps2]
@@ -95,7 +98,7 @@ pub struct Limits {
     horizon: usize,
     main: MainModel,
     /// Wheels whose current rows are dropped.
-    dropped: [bool; 4],
+    dropped: [bool; WHEELS_MAX],
     /// Kind and period of each row; a row on a state bounds that period's end.
     kinds: Vec<(Kind, usize)>,
 }
@@ -117,7 +120,7 @@ impl Limits {
             corridor: [state.corridor_left_m, state.corridor_right_m],
             horizon,
             main: *main,
-            dropped: [false; 4],
+            dropped: [false; WHEELS_MAX],
             kinds: Vec::new(),
         };
         this.kinds = this.all_kinds(blocks);
@@ -125,12 +128,12 @@ impl Limits {
     }
 
     /// From now on the current rows of these wheels are inactive.
-    pub fn drop_current_rows(&mut self, wheels: [bool; 4]) {
+    pub fn drop_current_rows(&mut self, wheels: [bool; WHEELS_MAX]) {
         self.dropped = wheels;
     }
 
     /// Wheels whose current rows are dropped.
-    pub(super) fn dropped(&self) -> [bool; 4] {
+    pub(super) fn dropped(&self) -> [bool; WHEELS_MAX] {
         self.dropped
     }
 
@@ -186,7 +189,7 @@ impl Limits {
     fn all_kinds(&self, blocks: usize) -> Vec<(Kind, usize)> {
         let mut kinds = Vec::new();
         for period in 0..blocks {
-            kinds.extend((0..4).map(|wheel| (Kind::WheelSpeed(wheel), period)));
+            kinds.extend((0..self.inputs.wheels).map(|wheel| (Kind::WheelSpeed(wheel), period)));
             kinds.extend((0..3).map(|axis| (Kind::Input(axis), period)));
             kinds.extend(
                 (0..3)
@@ -194,7 +197,7 @@ impl Limits {
                     .map(|axis| (Kind::Change(axis), period)),
             );
             kinds.extend(
-                (0..4)
+                (0..self.inputs.wheels)
                     .filter(|_| self.inputs.current.is_some())
                     .map(|wheel| (Kind::Current(wheel), period)),
             );
@@ -285,7 +288,7 @@ impl Limits {
     /// Writes every row about the present plan. Does not allocate.
     pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
         let Outlook { stages, last_input, .. } = *outlook;
-        let InputLimits { wheel: of_wheel, current, input: largest, change } = &self.inputs;
+        let InputLimits { wheel: of_wheel, current, input: largest, change, .. } = &self.inputs;
         let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
             let Some(stage) = stages.get(period) else { continue };

@@ -4,6 +4,7 @@ use crate::settings::{
 };
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
+use robot::Drive;
 
 pub(crate) fn settings() -> MpcSettings {
     MpcSettings {
@@ -216,7 +217,7 @@ proptest! {
             State { pose: [0.0, 0.1, 0.0], velocity: [1.4, 0.0, 0.0], acted: [1.5, 0.0, 0.0] };
         let mut robot = Robot::example();
         if echoes {
-            robot.drive.current_limit_a = 1e6;
+            robot.drive = robot.drive.map(|drive| Drive { current_limit_a: 1e6, ..drive });
         }
         let mut plans = Vec::new();
         for linearise in [Linearise::Measured, Linearise::Expected] {
@@ -454,7 +455,7 @@ fn most_foretold(mpc: &mut Mpc, belief: &Belief<'_>) -> f64 {
 #[test]
 fn a_dropped_row_is_inactive_and_a_restored_row_is_active() -> Result<(), MpcError> {
     let mut robot = Robot::example();
-    robot.drive.current_limit_a = 2.0;
+    robot.drive = robot.drive.map(|drive| Drive { current_limit_a: 2.0, ..drive });
     let main = MainModel::new(&robot, 0.1);
     let belief = Belief {
         main: &main,
@@ -466,14 +467,14 @@ fn a_dropped_row_is_inactive_and_a_restored_row_is_active() -> Result<(), MpcErr
     let mut mpc = Mpc::new(&settings(), &robot, &main)?;
     let bound = most_foretold(&mut mpc, &belief);
     assert!((0.9..1.1).contains(&bound), "{bound}");
-    mpc.drop_current_rows([true; 4]);
+    mpc.drop_current_rows([true; WHEELS_MAX]);
     let free = most_foretold(&mut mpc, &belief);
     assert!(free > 1.5, "{free}");
     // An optimiser that inherits a plan keeps the dropped rows.
     let mut heir = Mpc::new(&settings(), &robot, &main)?;
     heir.inherit(&mpc);
     assert!(most_foretold(&mut heir, &belief) > 1.5);
-    mpc.drop_current_rows([false; 4]);
+    mpc.drop_current_rows([false; WHEELS_MAX]);
     let bound = most_foretold(&mut mpc, &belief);
     assert!((0.9..1.1).contains(&bound), "{bound}");
     Ok(())

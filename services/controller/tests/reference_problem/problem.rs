@@ -22,7 +22,7 @@ use model::gp::posterior::{Posterior, PosteriorError};
 use model::learned::{Moment, Residual, Response};
 use model::main_model::MainModel;
 use model::{State, Velocity};
-use robot::{Geometry, kinematics};
+use robot::Robot;
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 
@@ -40,9 +40,10 @@ pub(crate) fn main_model() -> MainModel {
 
 /// Limits of the inputs: a box, and the rim speed of four wheels.
 pub(crate) fn inputs() -> InputLimits {
-    let geometry = Geometry { wheel_radius_m: 0.05, half_wheelbase_m: 0.125, half_track_m: 0.15 };
-    let wheel = kinematics::jacobian(&geometry).map(|row| row.map(|value| value / RIM_SPEED));
-    InputLimits { wheel, current: None, input: LARGEST_INPUT, change: None }
+    let wheels = Robot::example().wheels;
+    let wheel = wheels.scaled_rows(|_radius| 1.0).map(|row| row.map(|value| value / RIM_SPEED));
+    let wheels = wheels.count();
+    InputLimits { wheel, current: None, wheels, input: LARGEST_INPUT, change: None }
 }
 
 /// Weights, and limits on the velocity; every input of the horizon is free.

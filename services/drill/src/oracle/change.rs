@@ -28,6 +28,7 @@
 
 use super::{Limits, Rule, Ticks, Violation};
 use crate::record::Message;
+use robot::PerWheel;
 
 /// Tolerance of the optimiser's rows, relative to their bound, and of rounding \[m/s, rad/s\].
 const TOLERANCE: f64 = 1e-5;
@@ -152,11 +153,12 @@ fn judge_rate(
             );
         }
     }
-    let [forward, left, yaw] = *bound;
-    let most = (forward + left + limits.lever_m * yaw) / limits.wheel_radius_m;
     let wheels = |truth: &Message| truth.numbers("wheel_command");
-    for (wheel, (from, to)) in wheels(before).into_iter().zip(wheels(now)).enumerate() {
-        if (to - from).abs() > most + TOLERANCE / limits.wheel_radius_m {
+    let rows = limits.wheels.rows().iter().zip(limits.wheels.radii_m());
+    let commands = wheels(before).into_iter().zip(wheels(now));
+    for (wheel, ((from, to), (row, radius))) in commands.zip(rows).enumerate() {
+        let most = row.iter().zip(bound).map(|(by, bound)| by.abs() * bound).sum::<f64>() / radius;
+        if (to - from).abs() > most + TOLERANCE / radius {
             violate(
                 Rule::Rate,
                 format!("wheel {wheel} commanded {from:.3} rad/s, then {to:.3}"),
@@ -181,15 +183,10 @@ fn judge_leap(step: &Step<'_>, limits: &Limits, violate: &mut impl FnMut(Rule, S
     }
 }
 
-/// Body velocity of the wheel command, r J⁺ ω: forward, left, yaw \[m/s, m/s, rad/s\]. Wheels:
-/// front-right, front-left, rear-left, rear-right.
+/// Body velocity of the wheel command: forward, left, yaw \[m/s, m/s, rad/s\].
 pub(crate) fn body(truth: &Message, limits: &Limits) -> Option<[f64; 3]> {
     let wheels = truth.numbers("wheel_command");
-    let &[front_right, front_left, rear_left, rear_right] = wheels.as_slice() else { return None };
-    let quarter = limits.wheel_radius_m / 4.0;
-    Some([
-        quarter * (front_right + front_left + rear_left + rear_right),
-        quarter * (front_right - front_left + rear_left - rear_right),
-        quarter / limits.lever_m * (front_right - front_left - rear_left + rear_right),
-    ])
+    let mut speeds = PerWheel::default();
+    speeds.get_mut(..wheels.len())?.copy_from_slice(&wheels);
+    (wheels.len() == limits.wheels.count()).then(|| limits.wheels.body(&speeds))
 }

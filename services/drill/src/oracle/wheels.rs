@@ -82,11 +82,11 @@ fn judge_values(truth: &Message, limits: &Limits, violate: &mut impl FnMut(Rule,
     for field in ["wheel_command", "wheel_peak"] {
         let wheels = truth.numbers(field);
         // A number that is not finite is recorded as null.
-        if wheels.len() != 4 {
+        if wheels.len() != limits.wheels.count() {
             violate(
                 Rule::Finite,
                 format!("{field} {}", truth.says[field]),
-                "four finite numbers".to_owned(),
+                format!("{} finite numbers", limits.wheels.count()),
             );
         }
         if let Some(wheel) =

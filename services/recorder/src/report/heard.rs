@@ -3,7 +3,7 @@
 use crate::rows::{
     HealthRow, Mark, PlanRow, StateRow, closed, coded, first_row, no_reason, numbers,
 };
-use protocol::message::{Exposure, FallbackLevel, Reason};
+use protocol::message::{Exposure, FallbackLevel, Reason, WHEELS_MAX};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 
@@ -20,15 +20,15 @@ pub(super) struct State {
     pose: [f64; 3],
     #[serde(deserialize_with = "numbers")]
     velocity: [f64; 3],
-    #[serde(deserialize_with = "four")]
-    wheel_speed: [f64; 4],
+    #[serde(deserialize_with = "of_wheels")]
+    wheel_speed: [f64; WHEELS_MAX],
     /// Why the gate has stopped, if it has; records of versions below 5 have no reason.
     #[serde(default = "no_reason", deserialize_with = "coded")]
     stop: Reason,
 }
 
-/// At most four numbers; missing ones are NaN.
-fn four<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 4], D::Error> {
+/// One number per wheel; missing ones are NaN.
+fn of_wheels<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; WHEELS_MAX], D::Error> {
     let found = Vec::<Option<f64>>::deserialize(deserializer)?;
     Ok(std::array::from_fn(|wheel| found.get(wheel).copied().flatten().unwrap_or(f64::NAN)))
 }
@@ -41,8 +41,8 @@ pub(super) struct StateTick {
     pub(super) pose: [f64; 3],
     /// Forward, left, yaw \[m/s, m/s, rad/s\].
     pub(super) velocity: [f64; 3],
-    /// Front-right, front-left, rear-left, rear-right \[rad/s\].
-    pub(super) wheel_speed: [f64; 4],
+    /// In the order of the robot file; NaN for a wheel that the robot has not \[rad/s\].
+    pub(super) wheel_speed: [f64; WHEELS_MAX],
     pub(super) fallback_level: FallbackLevel,
 }
 

@@ -4,6 +4,7 @@ use super::axis::{Axis, Extent};
 use super::figure::{Figure, Look, Records, gap};
 use super::panel::Panel;
 use super::tracking::{measured, reference_key};
+use protocol::message::WHEELS_MAX;
 use protocol::topic::Topic;
 
 /// Velocities along the axes of the body.
@@ -41,21 +42,23 @@ pub(super) fn velocities(records: &Records<'_>) -> Figure {
     figure
 }
 
-/// Measured speeds of the four wheels.
+/// Measured speeds of the wheels.
 pub(super) fn wheels(records: &Records<'_>) -> Figure {
-    let mut figure = Figure::new("wheels", "Wheel speeds", "As measured.");
+    let mut figure =
+        Figure::new("wheels", "Wheel speeds", "As measured, in the order of the robot file.");
     figure.paper = Some(6);
     let all = records
         .all()
         .iter()
         .flat_map(|record| record.states.iter().flat_map(|state| state.wheel_speed));
     let extent = Extent::of(all).padded();
-    for (wheel, title) in
-        ["front right [rad/s]", "front left [rad/s]", "rear left [rad/s]", "rear right [rad/s]"]
-            .into_iter()
-            .enumerate()
-    {
-        let mut panel = Panel::new(title, records.time, Axis::linear(extent), records.detail);
+    let has = |wheel: usize| {
+        let mut states = records.all().iter().flat_map(|record| &record.states);
+        states.any(|state| state.wheel_speed[wheel].is_finite())
+    };
+    for wheel in (0..WHEELS_MAX).filter(|wheel| has(*wheel)) {
+        let title = format!("wheel {} [rad/s]", wheel + 1);
+        let mut panel = Panel::new(&title, records.time, Axis::linear(extent), records.detail);
         for (colour, record) in records.coloured() {
             panel.line(
                 &colour,
@@ -66,7 +69,7 @@ pub(super) fn wheels(records: &Records<'_>) -> Figure {
                     .map(|state| (record.time(state.tick), state.wheel_speed[wheel])),
             );
         }
-        figure.panels.push(panel.finish(&format!("Wheel speed, {title}: {}", records.names())));
+        figure.panels.push(panel.finish(&format!("Speed of {title}: {}", records.names())));
     }
     figure.legend = records.legend(Look::Line, "", |_| true);
     figure
