@@ -161,9 +161,8 @@ fn the_robot_in_python_encodes_and_decodes_the_test_vectors() -> Outcome {
     let vectors = repository().join("protocol/vectors");
     text_of(
         Command::new(python()?)
-            .arg("-B")
-            .arg(clients().join("robot.py"))
-            .arg("--check")
+            .current_dir(clients())
+            .args(["-B", "-m", "coxswain.vectors"])
             .arg(vectors),
     )?;
     Ok(())
@@ -172,7 +171,16 @@ fn the_robot_in_python_encodes_and_decodes_the_test_vectors() -> Outcome {
 #[test]
 fn the_gate_in_python_keeps_the_duties_of_a_driver() -> Outcome {
     text_of(
-        Command::new(python()?).args(["-B", "-m", "unittest", "discover", "-s"]).arg(clients()),
+        Command::new(python()?).current_dir(clients()).args(["-B", "-m", "unittest", "discover"]),
     )?;
+    Ok(())
+}
+
+#[test]
+fn the_package_in_python_has_types_that_hold() -> Outcome {
+    let cache = tempfile::tempdir()?;
+    let mut check = Command::new(python()?);
+    check.current_dir(clients()).args(["-m", "mypy", "--strict", "--cache-dir"]).arg(cache.path());
+    text_of(check.args(["coxswain", "robot.py"]))?;
     Ok(())
 }

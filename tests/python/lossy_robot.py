@@ -7,6 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "deploy/clients/python"))
 import robot
+from coxswain import driver
 
 LOST = {
     "command": lambda number: number % 50 == 25,
@@ -16,7 +17,7 @@ LOST = {
 }
 
 
-class Lossy(robot.Connection):
+class Lossy(driver.Connection):
     sent: Counter[str] = Counter()
     lost: Counter[str] = Counter()
 
@@ -36,7 +37,7 @@ class Lossy(robot.Connection):
 
 
 signal.alarm(120)  # far longer than a run takes; ends a robot that waits forever
-robot.Connection = Lossy
+driver.Connection = Lossy
 code = robot.main()
 missing = [topic for topic in LOST if not Lossy.lost[topic]]
 sys.exit(code or (f"lost only {Lossy.lost}: expected also {missing}" if missing else 0))

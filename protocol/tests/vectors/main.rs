@@ -397,7 +397,7 @@ fn written() -> Result<BTreeMap<PathBuf, String>, Box<dyn Error>> {
     let document = here().join("WIRE.md");
     let text = wire_document::with_tables(&fs::read_to_string(&document)?)?;
     files.insert(document, text);
-    files.insert(here().join("../deploy/clients/python/messages.py"), python::messages());
+    files.insert(here().join("../deploy/clients/python/coxswain/messages.py"), python::messages());
     Ok(files)
 }
 

@@ -14,7 +14,7 @@ Written from the definitions in protocol/src/message by
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from encoding import REAL, U32, U64, numbers, one_of, record, sequence, several, text, varint
+from .encoding import REAL, U32, U64, numbers, one_of, record, sequence, several, text, varint
 
 "#;
 

@@ -100,6 +100,40 @@ impl<const D: usize> FitSettings<D> {
 
     /// Fits `observations`, each with the scale of its noise. The search begins at `start`.
     ///
+    /// ```
+    /// use learner::fit::FitSettings;
+    /// use learner::settings::KernelChoice;
+    /// use model::gp::dictionary::Observation;
+    /// use model::learned::{Layout, Moment, Residual};
+    ///
+    /// let settings = FitSettings {
+    ///     layout: Layout::VelocitySlip,
+    ///     kernel: KernelChoice::LinearPlusSquaredExponential,
+    ///     input_scale: [1.0; 6],
+    ///     bound: [0.5; 3],
+    ///     evaluations_max: 30,
+    /// };
+    /// // A robot that loses a tenth of its forward speed in each period.
+    /// let moment = |forward: f64| Moment {
+    ///     velocity: [forward, 0.0, 0.0],
+    ///     input: [forward, 0.0, 0.0],
+    ///     before: [0.0; 3],
+    ///     heading: 0.0,
+    /// };
+    /// let observations: Vec<_> = (0..20)
+    ///     .map(|step| 0.1 * f64::from(step))
+    ///     .map(|forward| Observation {
+    ///         input: settings.layout.inputs(&moment(forward)),
+    ///         target: [-0.1 * forward, 0.0, 0.0],
+    ///     })
+    ///     .map(|observation| (observation, 1.0))
+    ///     .collect();
+    /// let fitted = settings.fit(&observations, &settings.hyperparameters())?;
+    /// let [forward, ..] = fitted.learned.mean(&moment(1.05));
+    /// assert!((forward + 0.105).abs() < 0.005, "{forward}");
+    /// # Ok::<(), learner::fit::FailedFit>(())
+    /// ```
+    ///
     /// # Errors
     /// [`FailedFit`].
     pub fn fit(

@@ -102,7 +102,7 @@ def one_of(allowed: tuple[int, ...]) -> Codec:
     write, read_any = varint(1 << 32)
 
     def read(cursor: Cursor) -> int:
-        value = read_any(cursor)
+        value: int = read_any(cursor)
         if value not in allowed:
             raise Refused("a code is not valid in its field")
         return value

@@ -8,8 +8,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from wheels import Row, rows
-from wire import Command, Vector
+from .wheels import Row, rows
+from .wire import Command, Vector
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 ROUNDING = 1 + 1e-6  # tolerance of a limit, as a factor
@@ -152,7 +152,7 @@ class Gate:
         reason = self._judge(command, now) if command else MALFORMED
         if command and self.stored and command.stamp.writer == self.stored.stamp.writer:
             self.last_received = now
-        if reason == NONE:
+        if command and reason == NONE:
             tick = command.stamp.tick
             self.stored, self.since, self.last_received = command, self.published[tick], now
             self.braking = self.braking and (self.good_periods < 3 or tick != self.tick)
@@ -176,8 +176,8 @@ class Gate:
             return OLD_PLANT_EPOCH
         if current and stamp.epoch < current.stamp.epoch:
             return OLD_CONTROLLER_EPOCH
-        same_epoch = current and stamp.epoch == current.stamp.epoch
-        second = same_epoch and stamp.writer != current.stamp.writer
+        same_epoch = current is not None and stamp.epoch == current.stamp.epoch
+        second = current is not None and same_epoch and stamp.writer != current.stamp.writer
         if second and now - self.last_received < 3 * period:
             return SECOND_WRITER
         if stamp.tick > self.tick:

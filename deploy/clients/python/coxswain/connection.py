@@ -50,16 +50,17 @@ def configuration(endpoint: str, certificates: Path | None) -> zenoh.Config:
 
 def open_session(config: zenoh.Config) -> zenoh.Session:
     """A session, as soon as the bridge accepts it."""
-    begin, error = time.monotonic(), None
-    while time.monotonic() < begin + WAITS_S:
+    begin, is_told = time.monotonic(), False
+    while True:
         try:
             return zenoh.open(config)
         except zenoh.ZError as failed:
-            if error is None:
+            if time.monotonic() >= begin + WAITS_S:
+                raise
+            if not is_told:
                 print(f"waiting for the bridge: {failed}", file=sys.stderr)
-            error = failed
+            is_told = True
             time.sleep(0.2)
-    raise error
 
 
 class Connection:
@@ -75,7 +76,7 @@ class Connection:
         incoming = f"coxswain-link/{graph}/{to}/{host}"
         self.subscribers = [self._subscribe(incoming, topic) for topic in RECEIVED]
 
-    def _subscribe(self, keys: str, topic: str) -> zenoh.Subscriber:
+    def _subscribe(self, keys: str, topic: str) -> zenoh.Subscriber[None]:
         def receive(sample: zenoh.Sample) -> None:
             self.received.put((topic, sample.payload.to_bytes()))
 
@@ -99,4 +100,4 @@ class Connection:
         )
 
     def close(self) -> None:
-        self.session.close()
+        self.session.close()  # type: ignore[no-untyped-call]

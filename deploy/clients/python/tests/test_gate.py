@@ -1,4 +1,4 @@
-"""Tests of the duties of a robot driver: python -m unittest discover -s deploy/clients/python."""
+"""Tests of the duties of a robot driver: python -m unittest discover, in deploy/clients/python."""
 
 import json
 import math
@@ -6,13 +6,14 @@ import unittest
 from dataclasses import replace
 from pathlib import Path
 
-import gate
-from gate import ZERO, Gate, Limits
-from wheels import rows
-from wire import Command, Stamp
+from coxswain import gate
+from coxswain.gate import ZERO, Gate, Limits
+from coxswain.wheels import rows
+from coxswain.wire import Command, Stamp
 
 T = 0.1
-LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0, 0.05, 0.275)
+WHEELS = rows({"mecanum": {"radius_m": 0.05, "wheelbase_m": 0.25, "track_m": 0.3}})
+LIMITS = Limits(T, (5.0, 5.0, 6.0), (10.0, 10.0, 20.0), (8.0, 8.0, 16.0), 120.0, WHEELS)
 AHEAD = (1.0, 0.0, 0.0)
 TAIL = ((0.8, 0.0, 0.0), (0.6, 0.0, 0.0), (0.4, 0.0, 0.0))
 
@@ -174,7 +175,7 @@ class Duties(unittest.TestCase):
                 self.assertEqual(self.gate.state, gate.DRIVING)
 
     def test_the_vectors_of_the_gate_hold(self) -> None:
-        file = json.loads((Path(__file__).parents[3] / "protocol/vectors/gate.json").read_text())
+        file = json.loads((Path(__file__).parents[4] / "protocol/vectors/gate.json").read_text())
         period, robot = file["period_ms"] / 1e3, file["robot"]
         vectors = (tuple(robot[key]) for key in ("input", "rate", "brake"))
         shape = {"radius_m": robot["wheel_radius"], "wheelbase_m": robot["lever"]}
