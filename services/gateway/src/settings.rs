@@ -74,6 +74,11 @@ pub struct About {
     pub description: String,
     /// Length of the run; 0 if unknown \[s\].
     pub duration_s: f64,
+    /// Half of the robot's extent, forward and to the side, for its picture \[m\].
+    pub half_extent_m: [f64; 2],
+    /// Each wheel for the picture: forward, left, direction in which it rolls, radius
+    /// \[m, m, rad, m\].
+    pub wheels: Vec<[f64; 4]>,
     /// Largest heading, either way \[rad\].
     pub heading_rad: Option<f64>,
     /// Largest speed \[m/s\].

@@ -263,7 +263,14 @@ impl Assembly {
     pub fn gateway(&self, run: Run) -> gateway::settings::Settings {
         let Scenario { description, duration_s, mpc, .. } = &self.scenario;
         let limits = &mpc.state_limits;
+        let wheels = &self.robot.wheels;
+        let places = wheels.positions_m().iter().zip(wheels.directions_rad());
         let about = About {
+            half_extent_m: wheels.half_extent_m(),
+            wheels: places
+                .zip(wheels.radii_m())
+                .map(|(([x, y], direction), radius)| [*x, *y, *direction, *radius])
+                .collect(),
             scenario: self.scenario_name.clone(),
             description: description.clone(),
             duration_s: *duration_s,

@@ -88,6 +88,7 @@ pub struct Wheels {
     rows: [Velocity; WHEELS_MAX],
     radius_m: PerWheel,
     position_m: [[f64; 2]; WHEELS_MAX],
+    direction_rad: PerWheel,
     /// (Jᵀ J)⁻¹.
     inverse: [Velocity; AXES],
 }
@@ -140,11 +141,14 @@ impl Wheels {
             rows: Default::default(),
             radius_m: Default::default(),
             position_m: Default::default(),
+            direction_rad: Default::default(),
             inverse: Default::default(),
         };
-        let places = this.rows.iter_mut().zip(&mut this.radius_m).zip(&mut this.position_m);
-        for (((row, radius), position), wheel) in places.zip(wheels) {
-            (*row, *radius, *position) = (wheel.row, wheel.radius_m, wheel.position_m);
+        for (place, wheel) in wheels.iter().enumerate().take(WHEELS_MAX) {
+            this.rows[place] = wheel.row;
+            this.radius_m[place] = wheel.radius_m;
+            this.position_m[place] = wheel.position_m;
+            this.direction_rad[place] = wheel.direction_rad;
         }
         this
     }
@@ -172,6 +176,11 @@ impl Wheels {
     /// Contact of each wheel with the floor, forward and left of the centre \[m\].
     pub fn positions_m(&self) -> &[[f64; 2]] {
         self.position_m.get(..self.count).unwrap_or_default()
+    }
+
+    /// Direction in which each wheel rolls, counter-clockwise from forward \[rad\].
+    pub fn directions_rad(&self) -> &[f64] {
+        self.direction_rad.get(..self.count).unwrap_or_default()
     }
 
     /// Rows of J, each times the `factor` of its wheel's radius \[m\]. Unused rows are 0.

@@ -2,8 +2,6 @@
 
 // Size of the visible world across the shorter side [m].
 const SPANS = { follow: 4, close: 1 };
-// Nominal outline of the robot [m].
-const BODY = { length: 0.36, width: 0.3, wheel: 0.1 };
 const SIGMAS = 2;
 const MAGNIFIED = [1, 2, 5, 10, 20, 50, 100];
 const LARGE_PX = 9;
@@ -108,22 +106,24 @@ function robot(pen, eye, [x, y, yaw], colour) {
   pen.translate(px, py);
   pen.rotate(-yaw);
   pen.scale(scale, scale);
-  pen.fillStyle = colours.ink;
-  for (const ahead of [-1, 1]) {
-    for (const aside of [-1, 1]) {
-      const left = (ahead * BODY.length) / 3.2 - BODY.wheel / 2;
-      const top = (aside * BODY.width) / 2 - BODY.wheel / 4;
-      pen.fillRect(left, top, BODY.wheel, BODY.wheel / 2);
-    }
-  }
+  const { half_extent_m: [ahead, aside], wheels } = store.hello.about;
+  const largest = Math.max(0, ...wheels.map((wheel) => wheel[3]));
+  const [length, width] = [2 * ahead + 2.2 * largest, 2 * aside - largest];
   pen.fillStyle = colour;
-  const top = -BODY.width / 2 + BODY.wheel / 4;
-  pen.fillRect(-BODY.length / 2, top, BODY.length, BODY.width - BODY.wheel / 2);
+  pen.fillRect(-length / 2, -width / 2, length, width);
+  pen.fillStyle = colours.ink;
+  for (const [forward, left, direction, radius] of wheels) {
+    pen.save();
+    pen.translate(forward, -left);
+    pen.rotate(-direction);
+    pen.fillRect(-radius, -radius / 2, 2 * radius, radius);
+    pen.restore();
+  }
   pen.fillStyle = colours.card;
   pen.beginPath();
-  pen.moveTo(BODY.length * 0.36, 0);
-  pen.lineTo(-BODY.length * 0.12, BODY.width * 0.26);
-  pen.lineTo(-BODY.length * 0.12, -BODY.width * 0.26);
+  pen.moveTo(length * 0.36, 0);
+  pen.lineTo(-length * 0.12, width * 0.3);
+  pen.lineTo(-length * 0.12, -width * 0.3);
   pen.fill();
   pen.restore();
 }

@@ -151,6 +151,7 @@ pub(super) struct Contact {
     pub(super) row: Velocity,
     pub(super) radius_m: f64,
     pub(super) position_m: [f64; 2],
+    pub(super) direction_rad: f64,
 }
 
 impl Layout {
@@ -188,7 +189,12 @@ impl Mecanum {
             Rollers::O => [1.0, ahead + side],
             Rollers::X => [-1.0, side - ahead],
         };
-        let wheel = |row, position_m| Contact { row, radius_m: self.radius_m, position_m };
+        let wheel = |row, position_m| Contact {
+            row,
+            radius_m: self.radius_m,
+            position_m,
+            direction_rad: 0.0,
+        };
         [
             wheel([1.0, sign, lever], [ahead, -side]),
             wheel([1.0, -sign, -lever], [ahead, side]),
@@ -204,10 +210,11 @@ impl Omni {
         is_length("omni.centre_to_wheel_m", self.centre_to_wheel_m)?;
         are_enough(self.count)?;
         let wheel = |index: usize| {
-            let (sin, cos) = (TAU * index as f64 / self.count as f64).sin_cos();
+            let angle = TAU * index as f64 / self.count as f64;
+            let (sin, cos) = angle.sin_cos();
             let position_m = [self.centre_to_wheel_m * cos, self.centre_to_wheel_m * sin];
             let row = [-sin, cos, self.centre_to_wheel_m];
-            Contact { row, radius_m: self.radius_m, position_m }
+            Contact { row, radius_m: self.radius_m, position_m, direction_rad: angle + TAU / 4.0 }
         };
         Ok((0..self.count).map(wheel).collect())
     }
@@ -233,7 +240,8 @@ impl WheelList {
             };
             let [forward, left] = [cos - tan * sin, sin + tan * cos];
             let row = [forward, left, x * left - y * forward];
-            Ok(Contact { row, radius_m, position_m: wheel.position_m })
+            let direction_rad = direction_deg.to_radians();
+            Ok(Contact { row, radius_m, position_m: wheel.position_m, direction_rad })
         };
         self.wheels().iter().enumerate().map(contact).collect()
     }
