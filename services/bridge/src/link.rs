@@ -58,6 +58,14 @@ pub(crate) struct Change {
     pub(crate) subject: Option<String>,
 }
 
+/// Who holds the one session that there is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Occupant {
+    OtherHost,
+    /// A peer with another certificate.
+    Stranger,
+}
+
 /// Up to which piece the other host has acknowledged, and who waits for that.
 #[derive(Debug, Default)]
 pub(crate) struct Acknowledged {
@@ -196,10 +204,14 @@ impl Link {
         Ok((link, changed))
     }
 
-    /// Ends the session, and with it every connection, and opens a new one.
+    /// Ends the session, and with it every connection.
+    pub(crate) fn close(&self) {
+        drop(self.session.write().unwrap_or_else(PoisonError::into_inner).take());
+    }
+
+    /// Opens a session in place of the one that was closed.
     pub(crate) fn reopen(&self) -> Result<(), LinkError> {
         let mut session = self.session.write().unwrap_or_else(PoisonError::into_inner);
-        drop(session.take());
         let opened = self.connect().map_err(|error| LinkError::Open {
             host: self.host.clone(),
             endpoint: self.endpoint.clone(),
@@ -240,12 +252,14 @@ impl Link {
         self.subject.as_deref().is_none_or(|expected| subject == Some(expected))
     }
 
-    /// Whether a peer with another certificate is connected.
-    pub(crate) fn has_stranger(&self) -> bool {
+    /// Who is at the other end of a link now.
+    pub(crate) fn occupant(&self) -> Option<Occupant> {
         let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
-        session.as_ref().is_some_and(|(session, _)| {
-            session.info().links().wait().any(|link| !self.accepts(link.auth_identifier()))
-        })
+        let (session, _) = session.as_ref()?;
+        let occupant = |link: Option<&str>| {
+            if self.accepts(link) { Occupant::OtherHost } else { Occupant::Stranger }
+        };
+        session.info().links().wait().map(|link| occupant(link.auth_identifier())).max()
     }
 
     /// Where the two hosts meet.

@@ -3,7 +3,7 @@
 use crate::hello::{self, Hello};
 use crate::incoming::{Incoming, Target};
 use crate::keys::{Keys, What};
-use crate::link::{Arrivals, Change, Link, LinkError, self_test};
+use crate::link::{Arrivals, Change, Link, LinkError, Occupant, self_test};
 use crate::outgoing::{Flow, Outgoing, Sent};
 use crate::rate::Rate;
 use crate::settings::{Remote, Settings};
@@ -26,6 +26,11 @@ use zenoh::bytes::ZBytes;
 const ROUND: Duration = Duration::from_millis(10);
 /// How long the other host may take to connect before its absence is reported.
 const STARTS_WITHIN: Duration = Duration::from_secs(5);
+
+/// How long a session stays closed after a peer was sent away. A zenoh peer connects again at once,
+/// and if that fails, not before a second has passed. The other host tries more often
+/// ([`crate::config`]), so it comes first.
+const CLOSED_FOR: Duration = Duration::from_millis(300);
 
 /// `$body` for the message `$message` of a topic.
 macro_rules! of_topic {
@@ -180,8 +185,11 @@ struct Connection<'a> {
     links: usize,
     /// Peers with another certificate that were sent away.
     sent_away: u64,
-    /// When strangers were last searched for.
+    /// When it was last searched who holds the session, and whether that was a silent link.
     searched: Instant,
+    was_silent: bool,
+    /// When a closed session opens again.
+    opens_again: Option<Instant>,
     was_connected: bool,
     begun: Instant,
 }
@@ -244,6 +252,8 @@ impl<'a> Connection<'a> {
             links: 0,
             sent_away: 0,
             searched: now,
+            was_silent: false,
+            opens_again: None,
             was_connected: false,
             begun: now,
         })
@@ -254,14 +264,46 @@ impl<'a> Connection<'a> {
         if self.remote.driver {
             return self.links > 0;
         }
-        self.heard.is_some_and(|(hello, at)| {
-            now.saturating_duration_since(at) < hello::LOST_AFTER && self.own.check(hello).is_ok()
-        })
+        self.hears(now) && self.heard.is_some_and(|(hello, _)| self.own.check(hello).is_ok())
+    }
+
+    /// Whether the other bridge has told lately that it is here.
+    fn hears(&self, now: Instant) -> bool {
+        self.heard.is_some_and(|(_, at)| now.saturating_duration_since(at) < hello::LOST_AFTER)
+    }
+
+    /// Whether the session is held by a peer that is not the other host, or by a link that carries
+    /// nothing. Searched for while the other host is away: a link that came up while the session
+    /// was opened may have had no event, and zenoh leaves a link half open whose opening takes
+    /// longer than the time that an attempt has. Neither ends by itself.
+    fn occupant_is_useless(&mut self, now: Instant) -> bool {
+        let is_due = now.saturating_duration_since(self.searched) >= hello::LOST_AFTER;
+        if !is_due || self.is_connected(now) {
+            return false;
+        }
+        self.searched = now;
+        let host = &self.remote.host;
+        let occupant = self.shared.link.occupant();
+        let is_silent =
+            occupant == Some(Occupant::OtherHost) && !self.remote.driver && !self.hears(now);
+        let was_silent = std::mem::replace(&mut self.was_silent, is_silent);
+        if occupant == Some(Occupant::Stranger) {
+            tracing::warn!(host, "a peer with another certificate: refused");
+            self.sent_away += 1;
+            return true;
+        }
+        if is_silent && was_silent {
+            tracing::warn!(host, "a link without a word: opened again");
+            self.was_silent = false;
+            return true;
+        }
+        false
     }
 
     /// Takes in what has changed, and tells the other bridge that this one is here.
     fn look(&mut self, now: Instant) -> Result<(), BridgeError> {
-        let link = &self.shared.link;
+        let shared = Arc::clone(&self.shared);
+        let link = &shared.link;
         let mut is_evicted = false;
         while let Ok(Change { is_up, subject }) = self.changes.try_recv() {
             if !link.accepts(subject.as_deref()) {
@@ -279,19 +321,15 @@ impl<'a> Connection<'a> {
                 self.links = self.links.saturating_sub(1);
             }
         }
-        // A link that came up while the session was opened may have had no event.
-        let is_due = now.saturating_duration_since(self.searched) >= hello::LOST_AFTER;
-        if is_due && !self.is_connected(now) {
-            self.searched = now;
-            if !is_evicted && link.has_stranger() {
-                tracing::warn!(host = self.remote.host, "a peer with another certificate: refused");
-                self.sent_away += 1;
-                is_evicted = true;
-            }
-        }
+        is_evicted |= self.occupant_is_useless(now);
         if is_evicted {
             // The peer holds the one session that there is. zenoh closes no single one.
             self.links = 0;
+            link.close();
+            self.opens_again = Some(now + CLOSED_FOR);
+        }
+        if self.opens_again.is_some_and(|at| now >= at) {
+            self.opens_again = None;
             link.reopen()?;
         }
         if let Some(hello) = self.shared.arrivals.hello() {

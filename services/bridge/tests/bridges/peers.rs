@@ -208,6 +208,23 @@ fn a_second_session_with_the_same_certificate_is_refused_while_the_first_lives()
 }
 
 #[test]
+fn a_link_that_carries_nothing_does_not_keep_the_host_out() -> Outcome {
+    let authority = Authority::new()?;
+    let pair = Pair::guarded(&authority)?;
+    let mut control = pair.alone()?;
+    // It has the host's certificate, holds the one session, and says nothing.
+    let _silent = pair.client(Some(&authority.of_host("robot")?))?;
+    let mut robot = pair.robot.start()?;
+    robot.is_running()?;
+    control.is_running()?;
+    let mut states = pair.control.source::<PlantState>()?;
+    let mut sink = pair.robot.ports.sink()?;
+    sink.send(&mut state(3))?;
+    assert_eq!(receive(&mut states, |_| true)?.stamp.tick, 3);
+    Ok(())
+}
+
+#[test]
 fn a_driver_exchanges_state_and_command() -> Outcome {
     let authority = Authority::new()?;
     let mut pair = Pair::guarded(&authority)?;
