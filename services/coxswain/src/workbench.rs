@@ -1,4 +1,4 @@
-//! The commands that no robot needs: watch, certificates, drill and experiment.
+//! The commands that no robot needs: watch, certificates, drill, experiment and identify.
 
 use certificates::CertificatesOptions;
 use clap::Subcommand;
@@ -6,12 +6,14 @@ use drill::DrillOptions;
 use drill::damage::OfferOptions;
 use experiment::{CompareOptions, without_learning};
 use graph::assembly::Assembly;
+use identify::command::{IdentifyError, IdentifyOptions, Plan, identify};
 use network::threads;
 use process::Stop;
 use runs::registry;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use supervisor::launch::Outcome;
 use terminal::Terminal;
 use viewer::{WatchError, WatchOptions};
 
@@ -38,6 +40,12 @@ pub(crate) enum Command {
     /// memory: a part of the drill.
     #[command(hide = true)]
     Offer(OfferOptions),
+    /// Identify a robot from what it did, or drive it first: gain, time constant, dead time and
+    /// friction with intervals, noise of the sensors, and a robot file.
+    ///
+    /// Exit code 0 if the robot file was written, 2 if an option or a log cannot be used, 1 if the
+    /// drive failed or a file cannot be written. If a signal ends the drive, 128 plus its number.
+    Identify(IdentifyOptions),
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
     Experiment(Experiment),
@@ -57,6 +65,7 @@ pub(crate) fn run(command: &Command) -> ExitCode {
         Command::Certificates(options) => certificates(options),
         Command::Drill(options) => drill(options),
         Command::Offer(options) => offer(options),
+        Command::Identify(options) => identified(options),
         Command::Experiment(Experiment::Compare(options)) => compare(options),
     }
 }
@@ -117,6 +126,27 @@ fn offer(options: &OfferOptions) -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+fn identified(options: &IdentifyOptions) -> ExitCode {
+    let refused = |error: &IdentifyError| {
+        Terminal::new().say(format_args!("coxswain: {error}"));
+        ExitCode::from(error.exit_code())
+    };
+    let (logs, robot) = match options.plan() {
+        Ok(Plan::Logs(logs, robot)) => (logs, *robot),
+        Ok(Plan::Drive(drive)) => match supervisor::launch::run(&drive.options, without_learning) {
+            Ok(Outcome::Finished) => (vec![options.out.join("run")], drive.robot),
+            Ok(outcome) => return outcome.exit_code(),
+            Err(error) => {
+                Terminal::new().say(format_args!("coxswain: {error}"));
+                return error.exit_code();
+            }
+        },
+        Err(error) => return refused(&error),
+    };
+    identify(&logs, &robot, &options.out)
+        .map_or_else(|error| refused(&error), |()| ExitCode::SUCCESS)
 }
 
 fn compare(options: &CompareOptions) -> ExitCode {

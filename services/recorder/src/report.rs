@@ -21,7 +21,7 @@
 //! A record is read once, message by message. About half a kilobyte per period is kept. A line on
 //! the page has at most as many points as it has columns, independent of the length of the run.
 
-mod axis;
+pub mod axis;
 mod coverage;
 mod events;
 mod figure;
@@ -29,7 +29,7 @@ mod heard;
 mod learning;
 mod motion;
 mod page;
-mod panel;
+pub mod panel;
 mod record;
 mod running;
 mod table;
@@ -41,6 +41,9 @@ use process::atomic_file;
 use record::Record;
 use std::io;
 use std::path::{Path, PathBuf};
+
+/// Style sheet of every page of figures.
+pub const STYLE: &str = include_str!("report/page.css");
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]

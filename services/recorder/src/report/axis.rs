@@ -5,35 +5,39 @@ const DECADES_MAX: f64 = 5.0;
 
 /// Smallest and largest of a set of numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Extent {
-    pub(super) low: f64,
-    pub(super) high: f64,
+pub struct Extent {
+    /// The smallest.
+    pub low: f64,
+    /// The largest.
+    pub high: f64,
 }
 
 impl Extent {
     /// That of no numbers.
-    pub(super) const NONE: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
+    pub const NONE: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     /// That of `values`. Numbers that are not finite do not count.
-    pub(super) fn of(values: impl IntoIterator<Item = f64>) -> Self {
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut extent = Self::NONE;
         extent.include(values);
         extent
     }
 
     /// Extends it to `values`.
-    pub(super) fn include(&mut self, values: impl IntoIterator<Item = f64>) {
+    pub fn include(&mut self, values: impl IntoIterator<Item = f64>) {
         for value in values.into_iter().filter(|value| value.is_finite()) {
             (self.low, self.high) = (self.low.min(value), self.high.max(value));
         }
     }
 
-    pub(super) fn length(&self) -> f64 {
+    /// From the smallest to the largest.
+    pub fn length(&self) -> f64 {
         self.high - self.low
     }
 
     /// The same with a margin, so that no point lies on the edge; never empty.
-    pub(super) fn padded(&self) -> Self {
+    #[must_use]
+    pub fn padded(&self) -> Self {
         if self.low > self.high || !self.length().is_finite() {
             return Self { low: 0.0, high: 1.0 };
         }
@@ -58,26 +62,28 @@ enum Scale {
 
 /// One axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Axis {
+pub struct Axis {
     extent: Extent,
     scale: Scale,
 }
 
 /// A number on an axis, and its label.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Tick {
-    pub(super) value: f64,
-    pub(super) label: String,
+pub struct Tick {
+    /// The number.
+    pub value: f64,
+    /// Its label.
+    pub label: String,
 }
 
 impl Axis {
     /// From one end of `extent` to the other.
-    pub(super) fn linear(extent: Extent) -> Self {
+    pub fn linear(extent: Extent) -> Self {
         Self { extent, scale: Scale::Linear }
     }
 
     /// The same, logarithmic: whole decades around the positive part of `extent`. At most nine.
-    pub(super) fn logarithmic(extent: Extent) -> Self {
+    pub fn logarithmic(extent: Extent) -> Self {
         let high = if extent.high > 0.0 && extent.high.is_finite() {
             extent.high.log10().ceil().min(300.0)
         } else {
@@ -96,7 +102,7 @@ impl Axis {
     }
 
     /// Position of `value`: 0 at the low end, 1 at the high one, NaN if it has none.
-    pub(super) fn share(&self, value: f64) -> f64 {
+    pub fn share(&self, value: f64) -> f64 {
         let Extent { low, high } = self.extent;
         match self.scale {
             Scale::Linear => (value - low) / (high - low),
@@ -108,7 +114,7 @@ impl Axis {
     }
 
     /// About `wanted` ticks, never more than twice as many.
-    pub(super) fn ticks(&self, wanted: usize) -> Vec<Tick> {
+    pub fn ticks(&self, wanted: usize) -> Vec<Tick> {
         match self.scale {
             Scale::Linear => self.linear_ticks(wanted),
             Scale::Logarithmic => self.decades(),

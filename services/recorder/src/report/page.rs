@@ -4,13 +4,10 @@ use super::figure::{Figure, Key, Records};
 use super::panel::escape;
 use super::record::Record;
 use super::table::table;
-use super::{learning, motion, running, tracking};
+use super::{STYLE, learning, motion, running, tracking};
 use protocol::message::Exposure;
 use std::fmt::Write;
 use std::path::PathBuf;
-
-/// Style sheet.
-const STYLE: &str = include_str!("page.css");
 
 /// Largest number of listed events per record.
 const EVENTS_LISTED: usize = 100;

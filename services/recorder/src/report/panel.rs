@@ -8,7 +8,7 @@ use super::thin::{self, Columns, Place};
 use std::fmt::Write;
 
 /// Width of every panel \[units\]: that of a mobile phone.
-pub(super) const WIDTH: f64 = 360.0;
+pub const WIDTH: f64 = 360.0;
 
 /// Margins around the axes \[units\].
 const LEFT: f64 = 48.0;
@@ -23,13 +23,13 @@ const LEFT_OF_LANES: f64 = 78.0;
 const DIGIT: f64 = 6.6;
 
 /// Default height of the axes \[units\].
-pub(super) const HEIGHT: f64 = 130.0;
+pub const HEIGHT: f64 = 130.0;
 
 /// Largest number of points of a path in the plane.
 const PATH_POINTS_MAX: usize = 12_000;
 
 /// Escapes all characters with a meaning in HTML.
-pub(super) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {
@@ -48,16 +48,16 @@ pub(super) fn escape(text: &str) -> String {
 
 /// Resolution of lines.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Detail {
+pub struct Detail {
     /// Width of a column, which keeps its first, last, highest and lowest point \[tenths\].
-    pub(super) column: i32,
+    pub column: i32,
     /// Largest number of points of one path in the plane.
-    pub(super) path_points: usize,
+    pub path_points: usize,
 }
 
 impl Detail {
     /// Resolution for `count` records together, so that the size of the page stays the same.
-    pub(super) fn for_records(count: usize) -> Self {
+    pub fn for_records(count: usize) -> Self {
         let share = count.div_ceil(4).max(1);
         Self {
             column: 10 * i32::try_from(share).unwrap_or(i32::MAX / 10),
@@ -68,7 +68,7 @@ impl Detail {
 
 /// One pair of axes with its drawing.
 #[derive(Debug)]
-pub(super) struct Panel {
+pub struct Panel {
     title: String,
     x: Axis,
     y: Axis,
@@ -84,7 +84,7 @@ pub(super) struct Panel {
 
 impl Panel {
     /// Empty axes. The title names the quantity with its unit.
-    pub(super) fn new(title: impl Into<String>, x: Axis, y: Axis, detail: Detail) -> Self {
+    pub fn new(title: impl Into<String>, x: Axis, y: Axis, detail: Detail) -> Self {
         let (title, inner, outer) = (title.into(), String::new(), String::new());
         Self {
             title,
@@ -101,17 +101,19 @@ impl Panel {
     }
 
     /// The same with another label of the horizontal axis and another height of the axes.
-    pub(super) fn shaped(self, x_label: &'static str, height: f64) -> Self {
+    #[must_use]
+    pub fn shaped(self, x_label: &'static str, height: f64) -> Self {
         Self { x_label, height, ..self }
     }
 
     /// The same with lanes, named from the top, in place of a vertical axis.
-    pub(super) fn laned(self, lanes: Vec<String>, height: f64) -> Self {
+    #[must_use]
+    pub fn laned(self, lanes: Vec<String>, height: f64) -> Self {
         Self { lanes, height, left: LEFT_OF_LANES, ..self }
     }
 
     /// Width of the axes of a panel without lanes \[units\].
-    pub(super) fn width_of_axes() -> f64 {
+    pub fn width_of_axes() -> f64 {
         WIDTH - LEFT - RIGHT
     }
 
@@ -128,12 +130,7 @@ impl Panel {
 
     /// A line through `points` in the order of x. It breaks where a point is not finite, or farther
     /// than `gap` from the one before.
-    pub(super) fn line(
-        &mut self,
-        class: &str,
-        gap: f64,
-        points: impl IntoIterator<Item = (f64, f64)>,
-    ) {
+    pub fn line(&mut self, class: &str, gap: f64, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
         let mut before = f64::NEG_INFINITY;
@@ -152,7 +149,7 @@ impl Panel {
     }
 
     /// A line through `points` in the plane, in their order.
-    pub(super) fn track(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
+    pub fn track(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
         let places: Vec<Place> = points.into_iter().filter_map(|(x, y)| self.place(x, y)).collect();
         let mut data = String::new();
         for line in thin::path(&places, self.detail.path_points) {
@@ -162,12 +159,7 @@ impl Panel {
     }
 
     /// The area between −y and +y of `points`, broken like a line.
-    pub(super) fn band(
-        &mut self,
-        class: &str,
-        gap: f64,
-        points: impl IntoIterator<Item = (f64, f64)>,
-    ) {
+    pub fn band(&mut self, class: &str, gap: f64, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
         let mut before = f64::NEG_INFINITY;
@@ -193,7 +185,7 @@ impl Panel {
     }
 
     /// A dot at each of `points`; only one for points at the same place.
-    pub(super) fn dots(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
+    pub fn dots(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();
         let mut columns = Columns::new(self.detail.column);
         points
@@ -207,7 +199,7 @@ impl Panel {
     }
 
     /// A horizontal line at `y`, with a label at its end if it lies within the axes.
-    pub(super) fn level(&mut self, y: f64, label: &str) {
+    pub fn level(&mut self, y: f64, label: &str) {
         let share = self.y.share(y);
         if !(0.0..=1.0).contains(&share) {
             return;
@@ -234,7 +226,7 @@ impl Panel {
 
     /// A bar for each stretch of x in `stretches`, `part` of `parts` of a lane's height. The
     /// narrowest bar stays visible.
-    pub(super) fn bars(
+    pub fn bars(
         &mut self,
         class: &str,
         lane: usize,
@@ -284,7 +276,7 @@ impl Panel {
     }
 
     /// The SVG. `title` is the text for screen readers.
-    pub(super) fn finish(self, title: &str) -> String {
+    pub fn finish(self, title: &str) -> String {
         let (width, bottom) = (self.width(), TOP + self.height);
         let mut svg = format!(
             "<svg role=\"img\" viewBox=\"0 0 {} {}\" xmlns=\"http://www.w3.org/2000/svg\">\

@@ -1,0 +1,155 @@
+//! Drives the robot of a graph through the excitation, as a launch of its own.
+//!
+//! The motion is a reference of points, which feedforward and proportional feedback follow: no model
+//! decides the input, and the feedback keeps the robot in the rectangle. If it is farther from the
+//! motion than the rectangle has room, the gate stops it.
+
+use crate::command::IdentifyOptions;
+use crate::excitation::{self, Room};
+use graph::assembly::robot_of;
+use graph::file::Graph;
+use graph::options::Options;
+use graph::scenario::Scenario;
+use process::atomic_file;
+use robot::{Robot, TrackingLimit};
+use settings::SettingsError;
+use std::fmt::Write;
+use std::io;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Acceleration of the motion, per acceleration that the robot file allows: the feedback needs the
+/// rest.
+const STEEP: f64 = 0.8;
+
+/// Why nothing was driven.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveError {
+    /// A file cannot be used.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A file cannot be written.
+    #[error("{} cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+    /// The scenario cannot be changed.
+    #[error("{}: {what}", path.display())]
+    Scenario {
+        /// The scenario.
+        path: PathBuf,
+        /// The cause.
+        what: String,
+    },
+}
+
+/// A drive that can be launched.
+#[derive(Debug, Clone)]
+pub struct Drive {
+    /// The launch.
+    pub options: Options,
+    /// The robot as its file states it.
+    pub robot: Robot,
+}
+
+/// Writes the files of a drive into `folder`: the motion, a scenario with it, and the robot with
+/// its limits of the tracking error.
+///
+/// # Errors
+/// [`DriveError`].
+pub fn prepare(
+    graph_file: &Path,
+    wanted: &IdentifyOptions,
+    folder: &Path,
+) -> Result<Drive, DriveError> {
+    let IdentifyOptions { changes, seed, duration: duration_s, .. } = wanted;
+    let (seed, duration_s) = (*seed, *duration_s);
+    let graph: Graph = settings::read(graph_file)?;
+    let beside = graph_file.parent().unwrap_or(Path::new(""));
+    let own = beside.join(&graph.scenario);
+    let name = own.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let scenario_folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
+    let scenario = Scenario::named(&scenario_folder, &name, None, changes)?;
+    let robot = robot_of(wanted.robot.as_deref().unwrap_or(&beside.join(&graph.robot)))?;
+    let limits = &robot.limits;
+    let planar = STEEP * limits.input_rate_mps2;
+    let room = Room {
+        size_m: wanted.area,
+        speed_mps: wanted.speed.min(limits.input_mps),
+        yaw_rate_radps: wanted.yaw_rate.min(limits.yaw_input_radps),
+        acceleration: [planar, planar, STEEP * limits.yaw_input_rate_radps2],
+    };
+    let write = |file: &str, text: &str| {
+        let path = folder.join(file);
+        atomic_file::write(&path, text.as_bytes())
+            .map_err(|source| DriveError::Write { path: path.clone(), source })?;
+        Ok::<_, DriveError>(path)
+    };
+    let points = points(&room, duration_s, &scenario, seed);
+    let points = write("motion.csv", &points)?;
+    let text = Scenario::merged(&scenario_folder, &name, None, changes)?;
+    let invalid = |what: String| DriveError::Scenario { path: own.clone(), what };
+    let mut table: Table =
+        text.parse().map_err(|error: toml::de::Error| invalid(error.message().to_owned()))?;
+    excite(&mut table, &points, duration_s, &scenario_folder);
+    let scenario = write("drive.toml", &table.to_string())?;
+    let mut held = robot;
+    let margin = 0.5 * excitation::UNUSED * room.size_m[0].min(room.size_m[1]);
+    held.limits.tracking_error_m = TrackingLimit::At(margin);
+    let held = toml::to_string(&held).map_err(|error| invalid(error.to_string()))?;
+    let held = write("driven-robot.toml", &held)?;
+    let options = Options {
+        scenario: Some(scenario),
+        robot: Some(held),
+        learner: Some(false),
+        pace: wanted.pace,
+        out: Some(folder.join("run")),
+        seed: Some(seed),
+        ..Options::of_graph(graph_file)
+    };
+    Ok(Drive { options, robot })
+}
+
+/// The motion as a file of points, from the start pose of the scenario.
+fn points(room: &Room, duration_s: f64, scenario: &Scenario, seed: u64) -> String {
+    let [x, y, yaw] = scenario.start.pose;
+    let (sin, cos) = yaw.sin_cos();
+    let mut text = "time_s,x_m,y_m,yaw_rad\n".to_owned();
+    let motion = excitation::motion(room, duration_s, scenario.period_millis * 1e-3, seed);
+    for point in motion {
+        let [ahead, side, turn] = point.pose;
+        let [x, y] = [x + cos * ahead - sin * side, y + sin * ahead + cos * side];
+        let _ = writeln!(text, "{:.4},{x:.6},{y:.6},{:.6}", point.time_s, yaw + turn);
+    }
+    text
+}
+
+/// Replaces reference, method and duration of a scenario.
+fn excite(scenario: &mut Table, points: &Path, duration_s: f64, folder: &Path) {
+    let points = Value::String(points.display().to_string());
+    let file = Table::from_iter([("file".to_owned(), points)]);
+    let path = Table::from_iter([("points".to_owned(), Value::Table(file))]);
+    let reference = Table::from_iter([
+        ("path".to_owned(), Value::Table(path)),
+        ("heading".to_owned(), Value::String("given".to_owned())),
+    ]);
+    let description = "Steps and sines of velocity, to identify the robot.".to_owned();
+    scenario.insert("description".to_owned(), Value::String(description));
+    scenario.insert("reference".to_owned(), Value::Table(reference));
+    scenario.insert("duration_s".to_owned(), Value::Float(duration_s));
+    scenario.remove("identified");
+    if let Some(Value::Table(mpc)) = scenario.get_mut("mpc") {
+        mpc.insert("method".to_owned(), Value::String("feedforward-p".to_owned()));
+        mpc.remove("state_limits");
+    }
+    // The program of a world is named relative to its scenario, and this one is elsewhere.
+    if let Some(Value::Table(world)) = scenario.get_mut("world")
+        && let Some(Value::String(program)) = world.get_mut("program")
+    {
+        let path = folder.join(&*program);
+        *program = std::path::absolute(&path).unwrap_or(path).display().to_string();
+    }
+}

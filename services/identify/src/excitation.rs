@@ -1,0 +1,236 @@
+//! A motion that tells the parameters apart: steps and sines of velocity, one axis after the other
+//! and all together, within a rectangle.
+//!
+//! | share of the time | motion                                                            |
+//! |-------------------|-------------------------------------------------------------------|
+//! | 45 %              | steps: forward, then left, then yaw                               |
+//! | 15 %              | a sum of five sines: forward, then left, then yaw                 |
+//! | 40 %              | steps on all axes at once                                         |
+//!
+//! It begins and ends at rest. A step is as steep as the acceleration allows, and lasts 0.3 to 1.2 s
+//! longer, so that a robot reaches its steady speed in
+//! some and not in others. A step that would leave the rectangle is replaced by one towards its
+//! middle.
+
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use robot::{AXES, Velocity};
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+/// Where the robot may drive, and how fast.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Room {
+    /// Length of the rectangle in x and width in y, around the start \[m, m\].
+    pub size_m: [f64; 2],
+    /// Largest planar speed \[m/s\].
+    pub speed_mps: f64,
+    /// Largest yaw rate \[rad/s\].
+    pub yaw_rate_radps: f64,
+    /// Largest acceleration: forward, left, yaw \[m/s², m/s², rad/s²\].
+    pub acceleration: Velocity,
+}
+
+/// Where the robot is to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// x, y, yaw from the start \[m, m, rad\].
+    pub pose: [f64; AXES],
+}
+
+/// Share of the rectangle that the motion uses. The robot is late by its dead time and overshoots.
+const USED: f64 = 1.0 - UNUSED;
+/// Share that it keeps free.
+pub const UNUSED: f64 = 0.3;
+/// Largest yaw from the start \[rad\].
+const YAW_MAX: f64 = 1.5;
+/// Shortest and longest step \[s\].
+const HOLD_S: [f64; 2] = [0.3, 1.2];
+/// Rest at both ends \[s\].
+const REST_S: f64 = 1.0;
+/// Frequencies of the sines \[Hz\].
+const SINES_HZ: [f64; 5] = [0.4, 0.7, 1.1, 1.9, 3.1];
+/// Tries until a step goes towards the middle instead.
+const TRIES: usize = 12;
+
+/// The motion in `room`, one point per period of `period_s` for `duration_s` \[s\].
+pub fn motion(room: &Room, duration_s: f64, period_s: f64, seed: u64) -> Vec<Point> {
+    let mut plan = Plan {
+        room,
+        period_s,
+        random: Pcg64Mcg::seed_from_u64(seed),
+        points: vec![Point { time_s: 0.0, pose: [0.0; AXES] }],
+        velocity: [0.0; AXES],
+    };
+    let moving = (duration_s - 2.0 * REST_S).max(0.0);
+    plan.hold([0.0; AXES], REST_S);
+    for axis in 0..AXES {
+        plan.steps(std::array::from_fn(|other| other == axis), 0.15 * moving);
+    }
+    for axis in 0..AXES {
+        plan.sines(axis, 0.05 * moving);
+    }
+    plan.steps([true; AXES], 0.4 * moving);
+    plan.hold([0.0; AXES], REST_S);
+    plan.points
+}
+
+struct Plan<'a> {
+    room: &'a Room,
+    period_s: f64,
+    random: Pcg64Mcg,
+    points: Vec<Point>,
+    /// At the last point.
+    velocity: Velocity,
+}
+
+impl Plan<'_> {
+    fn pose(&self) -> [f64; AXES] {
+        self.points.last().map_or([0.0; AXES], |point| point.pose)
+    }
+
+    fn largest(&self) -> Velocity {
+        // Both planar axes together stay below the speed.
+        let planar = self.room.speed_mps;
+        [planar, planar, self.room.yaw_rate_radps]
+    }
+
+    /// Steps on `axes` for `time` \[s\], and then rest.
+    fn steps(&mut self, axes: [bool; AXES], time: f64) {
+        let mut left = time - self.ramp_s();
+        while left > HOLD_S[0] {
+            let hold = (self.random.random_range(HOLD_S[0]..HOLD_S[1]) + self.ramp_s()).min(left);
+            let planar = if axes[0] && axes[1] { FRAC_1_SQRT_2 } else { 1.0 };
+            let tried = (0..TRIES).map(|_| self.step(axes, planar)).collect::<Vec<_>>();
+            let fits = tried.into_iter().find(|&velocity| self.stays(velocity, hold));
+            let velocity = fits.unwrap_or_else(|| self.inwards(axes, planar, hold));
+            self.hold(velocity, hold);
+            left -= hold;
+        }
+        self.hold([0.0; AXES], left.max(0.0) + self.ramp_s());
+    }
+
+    /// Longest time from rest to the largest speed \[s\].
+    fn ramp_s(&self) -> f64 {
+        let times = (0..AXES).map(|axis| self.largest()[axis] / self.room.acceleration[axis]);
+        times.fold(0.0, f64::max)
+    }
+
+    /// A random step: half or full speed, either way, or rest.
+    fn step(&mut self, axes: [bool; AXES], planar: f64) -> Velocity {
+        let largest = self.largest();
+        std::array::from_fn(|axis| {
+            let level = [-1.0, -0.5, 0.0, 0.5, 1.0][self.random.random_range(0..5)];
+            let factor = if axis < 2 { planar } else { 1.0 };
+            if axes[axis] { level * factor * largest[axis] } else { 0.0 }
+        })
+    }
+
+    /// The velocity on `axes` that goes back towards the start within `hold` \[s\].
+    fn inwards(&self, axes: [bool; AXES], planar: f64, hold: f64) -> Velocity {
+        let [x, y, yaw] = self.pose();
+        let (sin, cos) = yaw.sin_cos();
+        let back = [-(cos * x + sin * y), -(cos * y - sin * x), -yaw];
+        let largest = self.largest();
+        std::array::from_fn(|axis| {
+            let most = largest[axis] * if axis < 2 { planar } else { 1.0 };
+            if axes[axis] { (back[axis] / hold).clamp(-most, most) } else { 0.0 }
+        })
+    }
+
+    /// Five sines on `axis` for `time` \[s\].
+    fn sines(&mut self, axis: usize, time: f64) {
+        let phases = SINES_HZ.map(|_| self.random.random_range(0.0..TAU));
+        let share = self.largest()[axis] / SINES_HZ.len() as f64;
+        let count = (time / self.period_s) as usize;
+        for number in 0..count {
+            let now = number as f64 * self.period_s;
+            let sines = SINES_HZ
+                .iter()
+                .zip(phases)
+                .map(|(hertz, phase)| share * (TAU * hertz * now + phase).sin());
+            let mut velocity = [0.0; AXES];
+            velocity[axis] = sines.sum();
+            self.advance(velocity);
+        }
+    }
+
+    fn hold(&mut self, velocity: Velocity, time: f64) {
+        for _ in 0..(time / self.period_s).round() as usize {
+            self.advance(velocity);
+        }
+    }
+
+    fn advance(&mut self, velocity: Velocity) {
+        let time_s = self.points.len() as f64 * self.period_s;
+        self.velocity = self.towards(self.velocity, velocity, self.period_s);
+        let pose = moved(self.pose(), self.velocity, self.period_s);
+        self.points.push(Point { time_s, pose });
+    }
+
+    /// The velocity `time` \[s\] later, on the way to another one.
+    fn towards(&self, from: Velocity, to: Velocity, time: f64) -> Velocity {
+        std::array::from_fn(|axis| {
+            let most = self.room.acceleration[axis] * time;
+            from[axis] + (to[axis] - from[axis]).clamp(-most, most)
+        })
+    }
+
+    /// Whether the robot stays within the rectangle for `hold` \[s\], and until it stands then.
+    fn stays(&self, velocity: Velocity, hold: f64) -> bool {
+        let part = 0.05;
+        let (mut pose, mut now) = (self.pose(), self.velocity);
+        let parts = ((hold + self.ramp_s()) / part).ceil() as usize;
+        (0..parts).all(|number| {
+            let to = if (number as f64) * part < hold { velocity } else { [0.0; AXES] };
+            now = self.towards(now, to, part);
+            pose = moved(pose, now, part);
+            let [length, width] = self.room.size_m;
+            pose[0].abs() <= 0.5 * USED * length
+                && pose[1].abs() <= 0.5 * USED * width
+                && pose[2].abs() <= YAW_MAX
+        })
+    }
+}
+
+/// The pose after `time` \[s\] with a constant body velocity, by the heading in the middle.
+fn moved([x, y, yaw]: [f64; AXES], velocity: Velocity, time: f64) -> [f64; AXES] {
+    let (sin, cos) = (yaw + 0.5 * time * velocity[2]).sin_cos();
+    [
+        x + time * (cos * velocity[0] - sin * velocity[1]),
+        y + time * (sin * velocity[0] + cos * velocity[1]),
+        yaw + time * velocity[2],
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_motion_stays_in_its_room_and_moves_every_axis() {
+        for (seed, acceleration) in (1..20).zip([1.0, 1e3].into_iter().cycle()) {
+            let room = Room {
+                size_m: [2.0, 1.5],
+                speed_mps: 0.6,
+                yaw_rate_radps: 1.0,
+                acceleration: [acceleration; AXES],
+            };
+            let points = motion(&room, 60.0, 0.02, seed);
+            let mut fastest = [0.0_f64; AXES];
+            for pair in points.windows(2) {
+                let [x, y, yaw] = pair[1].pose;
+                assert!(x.abs() <= 1.0 && y.abs() <= 0.75 && yaw.abs() <= 2.2, "{:?}", pair[1]);
+                for axis in 0..AXES {
+                    let speed = (pair[1].pose[axis] - pair[0].pose[axis]).abs() / 0.02;
+                    fastest[axis] = fastest[axis].max(speed);
+                }
+            }
+            // A slow robot has no room for its full speed in every direction.
+            let least = if acceleration > 10.0 { 0.5 } else { 0.29 };
+            assert!(fastest[0] > least && fastest[1] > least && fastest[2] > least, "{fastest:?}");
+            assert!(fastest[0] < 0.62 && fastest[1] < 0.62 && fastest[2] < 1.01, "{fastest:?}");
+        }
+    }
+}

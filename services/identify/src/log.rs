@@ -1,0 +1,290 @@
+//! What a robot did: samples at a constant period, in stretches without a gap.
+//!
+//! | module   | contents                                                       |
+//! |----------|----------------------------------------------------------------|
+//! | `record` | a record of a run (MCAP)                                       |
+//! | `table`  | a table (CSV)                                                  |
+//! | `check`  | which data cannot be used                                      |
+
+mod check;
+mod record;
+mod table;
+
+use recorder::reader::SourceError;
+use robot::{AXES, PerWheel, Velocity};
+use std::path::{Path, PathBuf};
+
+/// Names of the velocity axes.
+pub const AXIS_NAMES: [&str; AXES] = ["forward", "left", "yaw"];
+
+/// The robot at one time, and its input until then.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Sample {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// Measured x, y, yaw in the world \[m, m, rad\].
+    pub pose: [f64; AXES],
+    /// Measured velocity in the body \[m/s, m/s, rad/s\].
+    pub velocity: Velocity,
+    /// Mean input of the period that ends at this time \[m/s, m/s, rad/s\].
+    pub input: Velocity,
+    /// Measured wheel speeds, if there are any \[rad/s\].
+    pub wheel_speed: Option<PerWheel>,
+}
+
+impl Sample {
+    fn is_finite(&self) -> bool {
+        let numbers = self.pose.iter().chain(&self.velocity).chain(&self.input);
+        let wheels = self.wheel_speed.iter().flatten();
+        self.time_s.is_finite() && numbers.chain(wheels).all(|number| number.is_finite())
+    }
+}
+
+/// Samples without a gap, at a constant period.
+pub type Stretch = Vec<Sample>;
+
+/// What a robot did.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Log {
+    /// Period of the samples \[s\].
+    pub period_s: f64,
+    /// In the order of time.
+    pub stretches: Vec<Stretch>,
+    /// What was left out, and where.
+    pub notes: Vec<String>,
+}
+
+/// Why a log cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LogError {
+    /// A record cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A message that no recorder writes.
+    #[error("{}: message {number} of topic \"state\": {source}", path.display())]
+    Message {
+        /// The record.
+        path: PathBuf,
+        /// Number of the message within its topic, from 1.
+        number: u64,
+        /// The parse error.
+        source: serde_json::Error,
+    },
+    /// A table cannot be read, or a row has the wrong columns.
+    #[error("{}: {source}; expected the columns {}", path.display(), table::COLUMNS)]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// The cause.
+        source: csv::Error,
+    },
+    /// The clock runs backwards.
+    #[error(
+        "{place}: time_s = {time_s} after {before_s}: expected a clock that never runs backwards"
+    )]
+    Backwards {
+        /// File and row.
+        place: String,
+        /// Time of the row \[s\].
+        time_s: f64,
+        /// Time of the row before \[s\].
+        before_s: f64,
+    },
+    /// The period is unknown, or that of another log.
+    #[error("{}: period {found}: expected {expected}", path.display())]
+    Period {
+        /// The file.
+        path: PathBuf,
+        /// The period.
+        found: String,
+        /// The expected one.
+        expected: String,
+    },
+    /// Too little data.
+    #[error("{usable_s:.1} s of data without a gap: expected at least {least_s} s{}", after(notes))]
+    TooShort {
+        /// Sum of all stretches that are long enough \[s\].
+        usable_s: f64,
+        /// The least \[s\].
+        least_s: f64,
+        /// What was left out.
+        notes: Vec<String>,
+    },
+    /// The robot stood.
+    #[error(
+        "the robot does not move: its speed is {speed_mps:.4} m/s and {yaw_rate_radps:.4} rad/s \
+         (rms); expected steps of the input on every axis, as `coxswain identify --drive` makes"
+    )]
+    NoMotion {
+        /// Planar speed, rms \[m/s\].
+        speed_mps: f64,
+        /// Yaw rate, rms \[rad/s\].
+        yaw_rate_radps: f64,
+    },
+    /// Velocity and pose contradict each other.
+    #[error(
+        "{axis}: the velocity is {factor:.3} times what the pose says (rms {velocity:.4} and \
+         {from_pose:.4}): expected m, rad, m/s and rad/s, and the velocity in the body's frame"
+    )]
+    Unit {
+        /// Name of the axis.
+        axis: &'static str,
+        /// Ratio of the two.
+        factor: f64,
+        /// Measured velocity, rms.
+        velocity: f64,
+        /// Velocity that the poses give, rms.
+        from_pose: f64,
+    },
+    /// The input has another unit.
+    #[error(
+        "{axis}: the input is {factor:.3} times the velocity (rms {input:.4} and {velocity:.4}): \
+         expected both in m/s, and in rad/s for yaw"
+    )]
+    InputUnit {
+        /// Name of the axis.
+        axis: &'static str,
+        /// Ratio of the two.
+        factor: f64,
+        /// Input, rms.
+        input: f64,
+        /// Measured velocity, rms.
+        velocity: f64,
+    },
+}
+
+fn after(notes: &[String]) -> String {
+    if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) }
+}
+
+impl Log {
+    /// Reads logs of one robot, each a record, a run directory or a table (`.csv`), and checks that
+    /// they can be used.
+    ///
+    /// # Errors
+    /// [`LogError`].
+    pub fn read(paths: &[PathBuf]) -> Result<Self, LogError> {
+        let mut log = Self::default();
+        for path in paths {
+            let is_table = path.extension().is_some_and(|extension| extension == "csv");
+            let part = if is_table { table::read(path) } else { record::read(path) }?;
+            log.append(path, part)?;
+        }
+        check::check(&log)?;
+        Ok(log)
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.stretches.iter().map(Vec::len).sum()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Time of all stretches \[s\].
+    pub fn duration_s(&self) -> f64 {
+        self.len() as f64 * self.period_s
+    }
+
+    /// The first `share` of each stretch, and the rest.
+    pub fn split(&self, share: f64) -> [Self; 2] {
+        let mut parts = [self.clone(), self.clone()];
+        for (first, rest) in self.stretches.iter().enumerate() {
+            let at = (share * rest.len() as f64) as usize;
+            parts[0].stretches[first].truncate(at);
+            parts[1].stretches[first].drain(..at);
+        }
+        parts
+    }
+
+    fn append(&mut self, path: &Path, part: Self) -> Result<(), LogError> {
+        let differs = (part.period_s - self.period_s).abs() > 1e-3 * part.period_s;
+        if !self.stretches.is_empty() && differs {
+            return Err(LogError::Period {
+                path: path.to_owned(),
+                found: format!("{:.4} s", part.period_s),
+                expected: format!("{:.4} s, as in the first log", self.period_s),
+            });
+        }
+        self.period_s = part.period_s;
+        self.stretches.extend(part.stretches);
+        self.notes.extend(part.notes);
+        Ok(())
+    }
+}
+
+/// Axes on which the input moves the robot.
+pub fn moved(log: &Log) -> [bool; AXES] {
+    let input = check::rms(log, |_, sample| sample.input);
+    std::array::from_fn(|axis| input[axis] > check::STANDING[axis])
+}
+
+/// Rows → stretches. A row that is not finite and a gap each end a stretch.
+struct Cutter {
+    period_s: f64,
+    name: String,
+    done: Vec<Stretch>,
+    open: Stretch,
+    notes: Vec<String>,
+}
+
+impl Cutter {
+    fn new(path: &Path, period_s: f64) -> Self {
+        let name = path.display().to_string();
+        Self { period_s, name, done: Vec::new(), open: Vec::new(), notes: Vec::new() }
+    }
+
+    fn note(&mut self, place: &str, what: &str) {
+        self.notes.push(format!("{} {place}: {what}", self.name));
+    }
+
+    fn cut(&mut self) {
+        self.done.push(std::mem::take(&mut self.open));
+    }
+
+    /// Adds a row from `place`.
+    fn add(&mut self, place: &str, sample: Sample) -> Result<(), LogError> {
+        if !sample.is_finite() {
+            self.note(place, "a number that is not finite, left out");
+            self.cut();
+            return Ok(());
+        }
+        if let Some(last) = self.open.last() {
+            let step = sample.time_s - last.time_s;
+            if step == 0.0 {
+                self.note(place, "the time of the row before, left out");
+                return Ok(());
+            }
+            if step < 0.0 {
+                let place = format!("{} {place}", self.name);
+                let (time_s, before_s) = (sample.time_s, last.time_s);
+                return Err(LogError::Backwards { place, time_s, before_s });
+            }
+            if (step / self.period_s - 1.0).abs() > 0.5 {
+                self.note(place, &format!("{step:.3} s since the row before"));
+                self.cut();
+            }
+        }
+        self.open.push(sample);
+        Ok(())
+    }
+
+    fn finish(mut self) -> Log {
+        self.cut();
+        let least = (check::STRETCH_MIN_S / self.period_s) as usize;
+        let stretches = self.done.into_iter().filter(|stretch| stretch.len() >= least).collect();
+        let mut notes = self.notes;
+        let more = notes.len().saturating_sub(NOTES_MAX);
+        notes.truncate(NOTES_MAX);
+        if more > 0 {
+            notes.push(format!("and {more} more"));
+        }
+        Log { period_s: self.period_s, stretches, notes }
+    }
+}
+
+/// Most notes of one log.
+const NOTES_MAX: usize = 10;

@@ -1,0 +1,75 @@
+//! Which data cannot be used: too little, no motion, or units that contradict each other.
+
+use super::{AXIS_NAMES, Log, LogError, Sample};
+use robot::{AXES, Velocity};
+
+/// Least data that an estimate needs \[s\].
+const USABLE_MIN_S: f64 = 10.0;
+/// Least length of a stretch \[s\].
+pub(super) const STRETCH_MIN_S: f64 = 2.0;
+/// Speed below which the robot stands, rms: forward, left, yaw \[m/s, m/s, rad/s\].
+pub(crate) const STANDING: Velocity = [0.01, 0.01, 0.02];
+/// Largest ratio of two measurements of one speed.
+const SAME_UNIT: f64 = 3.0;
+/// Largest ratio of input and velocity.
+const SAME_INPUT_UNIT: f64 = 30.0;
+
+pub(super) fn check(log: &Log) -> Result<(), LogError> {
+    if log.duration_s() < USABLE_MIN_S {
+        return Err(LogError::TooShort {
+            usable_s: log.duration_s(),
+            least_s: USABLE_MIN_S,
+            notes: log.notes.clone(),
+        });
+    }
+    let velocity = rms(log, |_, sample| sample.velocity);
+    let input = rms(log, |_, sample| sample.input);
+    let from_pose = rms(log, from_poses);
+    let moves = |speeds: &Velocity| (0..AXES).any(|axis| speeds[axis] > STANDING[axis]);
+    if !moves(&velocity) && !moves(&from_pose) {
+        return Err(LogError::NoMotion {
+            speed_mps: velocity[0].hypot(velocity[1]),
+            yaw_rate_radps: velocity[2],
+        });
+    }
+    for axis in 0..AXES {
+        let (velocity, from_pose, input) = (velocity[axis], from_pose[axis], input[axis]);
+        let factor = velocity / from_pose;
+        let is_moving = velocity.max(from_pose) > 10.0 * STANDING[axis];
+        if is_moving && !(1.0 / SAME_UNIT..=SAME_UNIT).contains(&factor) {
+            let axis = AXIS_NAMES[axis];
+            return Err(LogError::Unit { axis, factor, velocity, from_pose });
+        }
+        let factor = input / velocity;
+        let is_moving = velocity.max(input) > 10.0 * STANDING[axis];
+        if is_moving && !(1.0 / SAME_INPUT_UNIT..=SAME_INPUT_UNIT).contains(&factor) {
+            let axis = AXIS_NAMES[axis];
+            return Err(LogError::InputUnit { axis, factor, input, velocity });
+        }
+    }
+    Ok(())
+}
+
+/// Body velocity between two samples by their poses. Noise of the pose counts much at a short
+/// period, so this takes samples a fifth of a second apart.
+fn from_poses(before: &Sample, sample: &Sample) -> Velocity {
+    let time = sample.time_s - before.time_s;
+    let turn = sample.pose[2] - before.pose[2];
+    let turn = turn.sin().atan2(turn.cos());
+    let (sin, cos) = (before.pose[2] + 0.5 * turn).sin_cos();
+    let [x, y] = [0, 1].map(|axis| (sample.pose[axis] - before.pose[axis]) / time);
+    [cos * x + sin * y, cos * y - sin * x, turn / time]
+}
+
+pub(crate) fn rms(log: &Log, value: impl Fn(&Sample, &Sample) -> Velocity) -> Velocity {
+    let apart = ((0.2 / log.period_s) as usize).max(1);
+    let (mut sums, mut count) = ([0.0; AXES], 0.0);
+    for stretch in &log.stretches {
+        for (before, sample) in stretch.iter().zip(stretch.iter().skip(apart)) {
+            let value = value(before, sample);
+            (0..AXES).for_each(|axis| sums[axis] += value[axis] * value[axis]);
+            count += 1.0;
+        }
+    }
+    sums.map(|sum: f64| (sum / f64::max(count, 1.0)).sqrt())
+}

@@ -1,0 +1,90 @@
+//! A table (CSV) → samples. One row per period, with [`COLUMNS`] in any order.
+
+use super::{Cutter, Log, LogError, Sample};
+use csv::{ReaderBuilder, StringRecord, Trim};
+use robot::{PerWheel, WHEELS_MAX};
+use serde::Deserialize;
+use std::path::Path;
+
+/// Columns that a table must have. `wheel_1_radps` to `wheel_8_radps` may follow.
+pub(super) const COLUMNS: &str = "time_s, x_m, y_m, yaw_rad, velocity_forward_mps, \
+     velocity_left_mps, yaw_rate_radps, input_forward_mps, input_left_mps, input_yaw_radps";
+
+#[derive(Debug, Deserialize)]
+struct Row {
+    time_s: f64,
+    x_m: f64,
+    y_m: f64,
+    yaw_rad: f64,
+    velocity_forward_mps: f64,
+    velocity_left_mps: f64,
+    yaw_rate_radps: f64,
+    input_forward_mps: f64,
+    input_left_mps: f64,
+    input_yaw_radps: f64,
+}
+
+pub(super) fn read(path: &Path) -> Result<Log, LogError> {
+    let failed = |source| LogError::Table { path: path.to_owned(), source };
+    let mut reader = ReaderBuilder::new().trim(Trim::All).from_path(path).map_err(failed)?;
+    let columns = reader.headers().map_err(failed)?.clone();
+    let wheels = wheel_columns(&columns);
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(failed)?;
+        let row: Row = record.deserialize(Some(&columns)).map_err(failed)?;
+        let line = record.position().map_or(0, csv::Position::line);
+        rows.push((line, row.sample(wheel_speeds(&record, &wheels))));
+    }
+    let mut cutter = Cutter::new(path, median_step(path, &rows)?);
+    for (line, sample) in rows {
+        cutter.add(&format!("line {line}"), sample)?;
+    }
+    Ok(cutter.finish())
+}
+
+fn wheel_columns(columns: &StringRecord) -> Vec<usize> {
+    let of_wheel =
+        |wheel: usize| columns.iter().position(|column| column == format!("wheel_{wheel}_radps"));
+    (1..=WHEELS_MAX).map_while(of_wheel).collect()
+}
+
+fn wheel_speeds(record: &StringRecord, columns: &[usize]) -> Option<PerWheel> {
+    let mut speeds: PerWheel = [0.0; WHEELS_MAX];
+    for (speed, &column) in speeds.iter_mut().zip(columns) {
+        // A cell without a number is a wheel without a measurement.
+        *speed = record.get(column)?.parse().unwrap_or(f64::NAN);
+    }
+    (!columns.is_empty()).then_some(speeds)
+}
+
+/// Median time between two rows, so that single gaps do not matter \[s\].
+fn median_step(path: &Path, rows: &[(u64, Sample)]) -> Result<f64, LogError> {
+    let mut steps: Vec<f64> = rows
+        .windows(2)
+        .map(|pair| pair[1].1.time_s - pair[0].1.time_s)
+        .filter(|step| *step > 0.0 && step.is_finite())
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    let median = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    if (1e-3..=1.0).contains(&median) {
+        return Ok(median);
+    }
+    Err(LogError::Period {
+        path: path.to_owned(),
+        found: format!("{median} s (median step of time_s)"),
+        expected: "0.001 to 1 s".to_owned(),
+    })
+}
+
+impl Row {
+    fn sample(&self, wheel_speed: Option<PerWheel>) -> Sample {
+        Sample {
+            time_s: self.time_s,
+            pose: [self.x_m, self.y_m, self.yaw_rad],
+            velocity: [self.velocity_forward_mps, self.velocity_left_mps, self.yaw_rate_radps],
+            input: [self.input_forward_mps, self.input_left_mps, self.input_yaw_radps],
+            wheel_speed,
+        }
+    }
+}

@@ -1,0 +1,322 @@
+//! The response that is identified, and its simulation.
+//!
+//! Axis i follows the inputs u, delayed by its dead time, as a body of first order:
+//!
+//! ```text
+//! v̇_i = (Σ_j K_ij u_j(t − d_i) − v_i + z_i − Σ_{j≠i} C_ij v_j − c_i φ_i(v) − D |v_xy| v_i + b_i)/τ_i
+//!        + s (ω v_y, −ω v_x, 0)_i
+//! ż_i = ρ_i (K_ii u_i(t − d_i) − v_i)
+//! φ_i(v) = Σ_w J_wi tanh((J v)_w/v_s) / Σ_w |J_wi|
+//! ```
+//!
+//! | symbol | parameter                                                                  |
+//! |--------|----------------------------------------------------------------------------|
+//! | K      | steady velocity per input; K_ij and C_ij with i ≠ j couple the axes        |
+//! | τ, d   | time constant and dead time                                                |
+//! | ρ      | integral part of the speed loops; 0 where they are proportional |
+//! | c, v_s | dry friction as the steady velocity that it costs, and the speed at which it is fully there |
+//! | D      | drag of the planar axes, in planar velocity lost per squared speed; 0 for yaw |
+//! | b      | constant offset: slope, or a sensor's bias                                 |
+//! | s      | share of the turning frame's acceleration (Coriolis); 0 where wheels hold the body |
+//!
+//! Friction acts at each wheel, so its direction follows from J. Where the wheels are not known,
+//! φ_i = tanh(v_i/v_s). The acceleration of an axis may be limited, separately for speeding up and
+//! slowing down.
+//!
+//! Friction, drag and turning frame as in eqs. 10–16 of Wu, Tang, Xu 2023, corrected as in
+//! `plant-sim`; the dead time acts on the input, piecewise constant over the periods.
+
+use crate::log::Sample;
+use robot::{AXES, Velocity, Wheels};
+
+/// Longest step of the integration \[s\].
+const STEP_MAX_S: f64 = 0.01;
+
+/// All parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Response {
+    /// K.
+    pub gain: [Velocity; AXES],
+    /// C; its diagonal is not used.
+    pub cross: [Velocity; AXES],
+    /// τ \[s\].
+    pub time_constant_s: Velocity,
+    /// d \[s\]. An estimate may be a little below 0.
+    pub dead_time_s: Velocity,
+    /// ρ \[1/s\].
+    pub integral_per_s: Velocity,
+    /// c \[m/s, m/s, rad/s\].
+    pub friction: Velocity,
+    /// v_s, at the rim \[m/s\].
+    pub friction_speed_mps: f64,
+    /// D \[s/m\].
+    pub drag_s_per_m: f64,
+    /// b \[m/s, m/s, rad/s\].
+    pub offset: Velocity,
+    /// s.
+    pub turning: f64,
+    /// Largest acceleration \[m/s², m/s², rad/s²\]; infinite if it was not reached.
+    pub acceleration: Velocity,
+    /// Largest deceleration.
+    pub braking: Velocity,
+}
+
+impl Default for Response {
+    fn default() -> Self {
+        let mut gain = [[0.0; AXES]; AXES];
+        (0..AXES).for_each(|axis| gain[axis][axis] = 1.0);
+        Self {
+            gain,
+            cross: [[0.0; AXES]; AXES],
+            time_constant_s: [0.2; AXES],
+            dead_time_s: [0.0; AXES],
+            integral_per_s: [0.0; AXES],
+            friction: [0.0; AXES],
+            friction_speed_mps: 0.02,
+            drag_s_per_m: 0.0,
+            offset: [0.0; AXES],
+            turning: 0.0,
+            acceleration: [f64::INFINITY; AXES],
+            braking: [f64::INFINITY; AXES],
+        }
+    }
+}
+
+impl Response {
+    /// Whether an axis has an integral part.
+    pub fn has_integral(&self) -> bool {
+        self.integral_per_s.iter().any(|&integral| integral != 0.0)
+    }
+
+    /// The same without limits of the acceleration.
+    #[must_use]
+    pub fn without_limits(&self) -> Self {
+        let unlimited = [f64::INFINITY; AXES];
+        Self { acceleration: unlimited, braking: unlimited, ..*self }
+    }
+}
+
+/// State of a simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Velocity in the body \[m/s, m/s, rad/s\].
+    pub velocity: Velocity,
+    /// z \[m/s, m/s, rad/s\].
+    pub integral: Velocity,
+}
+
+/// Simulates responses on one stretch of a log.
+#[derive(Debug)]
+pub struct Simulation<'a> {
+    wheels: &'a Wheels,
+    samples: &'a [Sample],
+    period_s: f64,
+    /// Integral of the input from the first sample to each \[m, m, rad\].
+    integral: Vec<Velocity>,
+    /// Σ_w |J_wi|.
+    column_sums: Velocity,
+}
+
+impl<'a> Simulation<'a> {
+    /// Of `samples`, one per period of `period_s` \[s\].
+    pub fn new(wheels: &'a Wheels, samples: &'a [Sample], period_s: f64) -> Self {
+        let mut sum = [0.0; AXES];
+        let integral = samples
+            .iter()
+            .enumerate()
+            .map(|(number, sample)| {
+                if number > 0 {
+                    (0..AXES).for_each(|axis| sum[axis] += sample.input[axis] * period_s);
+                }
+                sum
+            })
+            .collect();
+        let column = |axis: usize| wheels.rows().iter().map(|row| row[axis].abs()).sum();
+        let column_sums = if wheels.count() == 0 {
+            [1.0, 1.0, wheels.lever_m()]
+        } else {
+            std::array::from_fn(column)
+        };
+        Self { wheels, samples, period_s, integral, column_sums }
+    }
+
+    /// Period of the samples \[s\].
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// The samples.
+    pub fn samples(&self) -> &'a [Sample] {
+        self.samples
+    }
+
+    /// The whole stretch, beginning with the measured velocity: the motion one period after each
+    /// sample but the last.
+    pub fn whole(&self, response: &Response) -> Vec<Motion> {
+        let velocity = self.samples.first().map_or([0.0; AXES], |sample| sample.velocity);
+        self.run(response, Motion { velocity, ..Motion::default() }, 0, self.samples.len())
+    }
+
+    /// The motion from `begin` at sample `from` on, one item per period, for at most `steps`
+    /// periods.
+    pub fn run(
+        &self,
+        response: &Response,
+        begin: Motion,
+        from: usize,
+        steps: usize,
+    ) -> Vec<Motion> {
+        let parts = (self.period_s / STEP_MAX_S).ceil().max(1.0);
+        let step = self.period_s / parts;
+        let mut motion = begin;
+        let last = self.samples.len().saturating_sub(1);
+        (from..last.min(from + steps))
+            .map(|number| {
+                for part in 0..parts as usize {
+                    let time = number as f64 * self.period_s + part as f64 * step;
+                    motion = self.step(response, motion, time, step);
+                }
+                motion
+            })
+            .collect()
+    }
+
+    /// One step by the midpoint rule: what couples the axes is taken from the motion half a step
+    /// later. Each axis by itself is an exact exponential.
+    fn step(&self, response: &Response, motion: Motion, time: f64, step: f64) -> Motion {
+        let middle = self.half_step(response, motion, motion, time, 0.5 * step);
+        self.half_step(response, motion, middle, time, step)
+    }
+
+    /// The motion `step` \[s\] after `motion`, with what couples the axes taken at `middle`.
+    fn half_step(
+        &self,
+        response: &Response,
+        motion: Motion,
+        middle: Motion,
+        time: f64,
+        step: f64,
+    ) -> Motion {
+        let at = middle.velocity;
+        let (friction, stiffness) = self.friction(response, &at);
+        let [ahead, side, turn] = at;
+        let frame = [turn * side, -turn * ahead, 0.0];
+        let drag = response.drag_s_per_m * ahead.hypot(side);
+        let drag = [drag * ahead, drag * side, 0.0];
+        let mut next = motion;
+        for axis in 0..AXES {
+            let input = self.mean_input(time - response.dead_time_s[axis], step);
+            let mut target =
+                response.offset[axis] - friction[axis] - drag[axis] + middle.integral[axis];
+            for other in 0..AXES {
+                target += response.gain[axis][other] * input[other];
+                if other != axis {
+                    target -= response.cross[axis][other] * at[other];
+                }
+            }
+            let before = motion.velocity[axis];
+            // The friction may be far stiffer than the axis: it is linearised, and its mean over
+            // the step is that at its middle.
+            let share = 1.0 - (-step / response.time_constant_s[axis]).exp();
+            let ahead = stiffness[axis] * (at[axis] - before);
+            let change = (share * (target - before + ahead)
+                + response.turning * frame[axis] * step)
+                / (1.0 + 0.5 * share * stiffness[axis]);
+            let speeds_up = change * before >= 0.0;
+            let limit = if speeds_up { &response.acceleration } else { &response.braking };
+            let most = limit[axis] * step;
+            next.velocity[axis] = before + change.clamp(-most, most);
+            let behind = response.gain[axis][axis] * input[axis] - at[axis];
+            next.integral[axis] += response.integral_per_s[axis] * step * behind;
+        }
+        next
+    }
+
+    /// c φ(v), and its derivative by the velocity of each axis.
+    fn friction(&self, response: &Response, velocity: &Velocity) -> (Velocity, Velocity) {
+        let scale = response.friction_speed_mps;
+        let (mut sums, mut slopes) = ([0.0; AXES], [0.0; AXES]);
+        let mut roll = |row: &Velocity| {
+            let rim = row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2];
+            let share = (rim / scale).tanh();
+            for axis in 0..AXES {
+                sums[axis] += row[axis] * share;
+                slopes[axis] += row[axis] * row[axis] * (1.0 - share * share) / scale;
+            }
+        };
+        if self.wheels.count() == 0 {
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, self.column_sums[2]]]
+                .iter()
+                .for_each(roll);
+        } else {
+            self.wheels.rows().iter().for_each(&mut roll);
+        }
+        let factor = |axis: usize| response.friction[axis] / self.column_sums[axis];
+        (
+            std::array::from_fn(|axis| factor(axis) * sums[axis]),
+            std::array::from_fn(|axis| factor(axis) * slopes[axis]),
+        )
+    }
+
+    /// Mean input from `time` on, for `step` \[s\] since the first sample. Before the first sample
+    /// and after the last one the input is that of the nearest period.
+    fn mean_input(&self, time: f64, step: f64) -> Velocity {
+        let (from, to) = (self.integral_at(time), self.integral_at(time + step));
+        std::array::from_fn(|axis| (to[axis] - from[axis]) / step)
+    }
+
+    fn integral_at(&self, time: f64) -> Velocity {
+        let place = time / self.period_s;
+        let last = self.samples.len().saturating_sub(2);
+        let period = (place.floor().max(0.0) as usize).min(last);
+        let share = place - period as f64;
+        let (Some(from), Some(to)) = (self.integral.get(period), self.integral.get(period + 1))
+        else {
+            return [0.0; AXES];
+        };
+        std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot::Robot;
+
+    fn samples(count: usize, input: impl Fn(usize) -> Velocity) -> Vec<Sample> {
+        (0..count).map(|number| Sample { input: input(number), ..Sample::default() }).collect()
+    }
+
+    #[test]
+    fn a_step_after_a_dead_time_between_two_samples_is_the_exact_exponential() {
+        let wheels = Robot::example().wheels;
+        let samples = samples(50, |number| if number > 10 { [1.0, 0.0, 0.0] } else { [0.0; 3] });
+        let response =
+            Response { time_constant_s: [0.3; 3], dead_time_s: [0.057; 3], ..Response::default() };
+        let run = Simulation::new(&wheels, &samples, 0.1).whole(&response);
+        for (number, Motion { velocity, .. }) in run.iter().enumerate() {
+            let since = (number + 1) as f64 * 0.1 - 1.0 - 0.057;
+            let exact = if since > 0.0 { 1.0 - (-since / 0.3_f64).exp() } else { 0.0 };
+            // The step begins within a step of the integration.
+            assert!((velocity[0] - exact).abs() < 2e-4, "{number}: {} {exact}", velocity[0]);
+        }
+    }
+
+    #[test]
+    fn friction_holds_a_robot_whose_input_is_below_it() {
+        let wheels = Robot::example().wheels;
+        let samples = samples(100, |_| [0.05, 0.2, 0.0]);
+        let response = Response { friction: [0.1; 3], ..Response::default() };
+        let held = Simulation::new(&wheels, &samples, 0.02).whole(&response);
+        let alone = [[0.05, 0.0, 0.0], [0.0, 0.2, 0.0]];
+        for (axis, input) in alone.iter().enumerate() {
+            let samples = self::samples(100, |_| *input);
+            let run = Simulation::new(&wheels, &samples, 0.02).whole(&response);
+            let last = run.last().map_or(f64::NAN, |motion| motion.velocity[axis]);
+            let expected = if axis == 0 { 0.01 } else { 0.1 };
+            assert!((last - expected).abs() < 0.012, "axis {axis}: {last}");
+        }
+        // Wheels that roll sideways roll forward as well: friction points against the whole motion.
+        assert!(held.last().is_some_and(|motion| motion.velocity[0] > 0.03), "{:?}", held.last());
+    }
+}

@@ -1,0 +1,107 @@
+//! The robot file: wheels and limits of the file that was given, with the identified response.
+
+use crate::fit::Estimate;
+use crate::judgement::{Recommendation, untold};
+use crate::log::{AXIS_NAMES, Log};
+use crate::parameter::Parameter;
+use model::main_model::MainModel;
+use robot::{AXES, Response, Robot};
+use std::fmt::Write;
+
+/// The response of a robot file that gives it by masses and motors.
+pub fn stated(robot: &Robot) -> Response {
+    if let Some(response) = robot.response {
+        return response;
+    }
+    let period = 1e-3;
+    let model = MainModel::new(robot, period);
+    Response {
+        gain: std::array::from_fn(|axis| model.gain[axis] / (1.0 - model.decay[axis])),
+        time_constant_s: model.decay.map(|decay| -period / decay.ln()),
+        dead_time_s: 0.0,
+        wheel_speed_limit_radps: None,
+    }
+}
+
+/// The given robot with the identified response. Axes that were not moved keep what the file says.
+pub fn robot(given: &Robot, estimate: &Estimate) -> Robot {
+    let mut response = stated(given);
+    let found = &estimate.response;
+    let moved: Vec<usize> = (0..AXES).filter(|&axis| estimate.axes[axis]).collect();
+    for &axis in &moved {
+        response.gain[axis] = rounded(found.gain[axis][axis]);
+        response.time_constant_s[axis] = rounded(found.time_constant_s[axis]);
+    }
+    response.dead_time_s = rounded(dead_time_s(estimate).max(0.0));
+    let limit = given.wheel_speed_limit_radps();
+    response.wheel_speed_limit_radps = limit.is_finite().then_some(limit);
+    Robot { body: None, drive: None, response: Some(response), ..*given }
+}
+
+/// Mean dead time of all axes, each by its precision: the robot file has one \[s\].
+pub fn dead_time_s(estimate: &Estimate) -> f64 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for axis in 0..AXES {
+        if let Some(dead) = estimate.of(Parameter::DeadTime(axis)) {
+            let weight = 1.0 / (dead.half_width * dead.half_width).max(1e-12);
+            if weight.is_finite() {
+                sum += weight * dead.value;
+                weights += weight;
+            }
+        }
+    }
+    if weights > 0.0 { sum / weights } else { 0.0 }
+}
+
+/// Four digits after the point, which is more than any interval allows.
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}
+
+/// The text of the file.
+///
+/// # Errors
+/// If the robot cannot be written as TOML.
+pub fn text(
+    given: &Robot,
+    estimate: &Estimate,
+    log: &Log,
+    source: &str,
+    recommended: &Recommendation,
+) -> Result<String, toml::ser::Error> {
+    let mut text = format!(
+        "# Identified by `coxswain identify` from {source}: {:.0} s at {:.0} ms.\n\
+         # Wheels and limits are those of the robot file that was given.\n#\n\
+         # With 95 % intervals:\n",
+        log.duration_s(),
+        1e3 * log.period_s
+    );
+    for axis in (0..AXES).filter(|&axis| estimate.axes[axis]) {
+        let number = |parameter: Parameter| {
+            estimate.of(parameter).map_or_else(
+                || "-".to_owned(),
+                |found| format!("{:.4} ± {:.4}", found.value, found.half_width),
+            )
+        };
+        let _ = writeln!(
+            text,
+            "#   {}: gain {}, time constant {} s, dead time {} s, dry friction {} {}",
+            AXIS_NAMES[axis],
+            number(Parameter::Gain(axis, axis)),
+            number(Parameter::TimeConstant(axis)),
+            number(Parameter::DeadTime(axis)),
+            number(Parameter::Friction(axis)),
+            Parameter::Friction(axis).unit(),
+        );
+    }
+    for line in untold(estimate) {
+        let _ = writeln!(text, "# Not told by the data: {line}.");
+    }
+    let _ = writeln!(
+        text,
+        "#\n# Recommended: period_millis = {}, mpc.horizon_steps = {}, weights of the profile {}.\n",
+        recommended.period_millis, recommended.horizon_steps, recommended.profile
+    );
+    text.push_str(&toml::to_string(&robot(given, estimate))?);
+    Ok(text)
+}

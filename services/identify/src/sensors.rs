@@ -1,0 +1,151 @@
+//! What the sensors and the wheels say of each other.
+//!
+//! - **Noise** of a sensor: the third difference of a smooth signal is nearly all noise, with 20
+//!   times its variance. Of the velocity, what the response explains is taken away first.
+//! - **Latency** λ of the velocity behind the pose: v(t) = v_pose(t − λ), so the two differ by λ v̇.
+//! - **Wheels**: the body velocity that the wheel speeds and the robot file give, per velocity by
+//!   the poses. A ratio that is not 1 is another effective radius, slip, or another distance of the
+//!   wheels.
+
+use crate::log::{Log, Sample};
+use robot::{AXES, Velocity, Wheels};
+
+/// Time over which displacements by pose and by wheels are compared \[s\].
+const APART_S: f64 = 0.5;
+/// Half width of a 95 % interval, in standard deviations.
+const WIDTH_95: f64 = 1.96;
+
+/// A number with half of its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// The number.
+    pub value: f64,
+    /// Half of its 95 % interval.
+    pub half_width: f64,
+}
+
+/// Estimates of the sensors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensors {
+    /// Noise of the velocity, one standard deviation \[m/s, m/s, rad/s\].
+    pub velocity_noise: Velocity,
+    /// Noise of the pose, one standard deviation \[m, m, rad\].
+    pub pose_noise: Velocity,
+    /// Latency of the velocity behind the pose, if the robot accelerates enough to tell \[s\].
+    pub latency_s: Option<Measured>,
+    /// Velocity by the poses per body velocity by the wheels, if wheel speeds are measured.
+    pub per_wheels: Option<[Option<Measured>; AXES]>,
+}
+
+/// Estimates the sensors of a robot with `wheels` from `log`. `errors` are the differences of
+/// measured and simulated velocity.
+pub fn sensors(log: &Log, wheels: &Wheels, errors: &[Velocity]) -> Sensors {
+    let velocity_noise = std::array::from_fn(|axis| noise(errors.iter().map(|error| error[axis])));
+    let pose_noise = std::array::from_fn(|axis| {
+        let per_stretch: Vec<f64> = log
+            .stretches
+            .iter()
+            .map(|stretch| noise(stretch.iter().map(|sample| sample.pose[axis])))
+            .collect();
+        per_stretch.iter().sum::<f64>() / per_stretch.len().max(1) as f64
+    });
+    let has_wheels = log.stretches.iter().flatten().all(|sample| sample.wheel_speed.is_some());
+    let per_wheels = (has_wheels && wheels.count() > 0).then(|| per_wheels(log, wheels));
+    Sensors { velocity_noise, pose_noise, latency_s: latency(log), per_wheels }
+}
+
+/// Standard deviation of white noise on a smooth signal, by the median of its third differences.
+fn noise(values: impl Iterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.collect();
+    let mut sizes: Vec<f64> = values
+        .windows(4)
+        .map(|four| (four[3] - 3.0 * four[2] + 3.0 * four[1] - four[0]).abs())
+        .collect();
+    sizes.sort_by(f64::total_cmp);
+    1.4826 * sizes.get(sizes.len() / 2).copied().unwrap_or(0.0) / 20.0_f64.sqrt()
+}
+
+/// Displacement between two samples in the body, with the heading in the middle.
+fn displacement(from: &Sample, to: &Sample) -> Velocity {
+    let turn = to.pose[2] - from.pose[2];
+    let turn = turn.sin().atan2(turn.cos());
+    let (sin, cos) = (from.pose[2] + 0.5 * turn).sin_cos();
+    let [x, y] = [0, 1].map(|axis| to.pose[axis] - from.pose[axis]);
+    [cos * x + sin * y, cos * y - sin * x, turn]
+}
+
+/// y ≈ a x by least squares, with the interval of correlated errors over `lags` samples.
+fn slope(pairs: &[(f64, f64)], lags: usize) -> Option<Measured> {
+    let squares: f64 = pairs.iter().map(|(x, _)| x * x).sum();
+    let value = pairs.iter().map(|(x, y)| x * y).sum::<f64>() / squares;
+    let gradients: Vec<f64> = pairs.iter().map(|(x, y)| x * (y - value * x)).collect();
+    let mut variance: f64 = gradients.iter().map(|gradient| gradient * gradient).sum();
+    for lag in 1..=lags.min(gradients.len().saturating_sub(1)) {
+        let products = gradients.iter().zip(&gradients[lag..]).map(|(a, b)| a * b);
+        variance += 2.0 * (1.0 - lag as f64 / (lags + 1) as f64) * products.sum::<f64>();
+    }
+    let half_width = WIDTH_95 * variance.max(0.0).sqrt() / squares;
+    (value.is_finite() && half_width.is_finite()).then_some(Measured { value, half_width })
+}
+
+/// Over one period the mean velocity by the poses is that at its middle; that by the velocities is
+/// late by λ.
+fn latency(log: &Log) -> Option<Measured> {
+    let period = log.period_s;
+    let mut pairs = Vec::new();
+    for four in log.stretches.iter().flat_map(|stretch| stretch.windows(4)) {
+        let by_pose = displacement(&four[1], &four[2]);
+        for axis in 0..2 {
+            let mean = 0.5 * (four[1].velocity[axis] + four[2].velocity[axis]);
+            let acceleration = (four[3].velocity[axis] - four[0].velocity[axis]) / (3.0 * period);
+            pairs.push((acceleration, by_pose[axis] / period - mean));
+        }
+    }
+    slope(&pairs, (1.0 / period) as usize).filter(|latency| latency.half_width < 0.05)
+}
+
+fn per_wheels(log: &Log, wheels: &Wheels) -> [Option<Measured>; AXES] {
+    let apart = ((APART_S / log.period_s) as usize).max(1);
+    let mut pairs: [Vec<(f64, f64)>; AXES] = Default::default();
+    for stretch in &log.stretches {
+        for span in stretch.windows(apart + 1) {
+            let (Some(first), Some(last)) = (span.first(), span.last()) else { continue };
+            let mut by_wheels = [0.0; AXES];
+            for pair in span.windows(2) {
+                let speeds = [&pair[0], &pair[1]]
+                    .map(|sample| wheels.body(&sample.wheel_speed.unwrap_or_default()));
+                // In the heading of the middle, as the displacement by the poses.
+                let turn = 0.5 * (pair[0].pose[2] + pair[1].pose[2])
+                    - 0.5 * (first.pose[2] + last.pose[2]);
+                let (sin, cos) = turn.sin_cos();
+                let mean: Velocity =
+                    std::array::from_fn(|axis| 0.5 * (speeds[0][axis] + speeds[1][axis]));
+                let [ahead, side, yaw] = mean.map(|speed| speed * log.period_s);
+                by_wheels[0] += cos * ahead - sin * side;
+                by_wheels[1] += sin * ahead + cos * side;
+                by_wheels[2] += yaw;
+            }
+            let by_pose = displacement(first, last);
+            (0..AXES).for_each(|axis| pairs[axis].push((by_wheels[axis], by_pose[axis])));
+        }
+    }
+    pairs.map(|pairs| slope(&pairs, 2 * apart).filter(|ratio| ratio.half_width < 0.2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_noise_of_a_smooth_signal_is_found() {
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let mut normal = || (0..12).map(|_| random()).sum::<f64>() - 6.0;
+        let values: Vec<f64> =
+            (0..4000).map(|k| (f64::from(k) * 0.02).sin() + 0.005 * normal()).collect();
+        assert!((noise(values.into_iter()) / 0.005 - 1.0).abs() < 0.06);
+    }
+}
