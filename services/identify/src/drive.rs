@@ -1,8 +1,8 @@
 //! Drives the robot of a graph through the excitation, as a launch of its own.
 //!
-//! The motion is a reference of points, which feedforward and proportional feedback follow: no model
-//! decides the input, and the feedback keeps the robot in the rectangle. If it is farther from the
-//! motion than the rectangle has room, the gate stops it.
+//! The motion is a reference of points, which feedforward and proportional feedback follow: no
+//! model decides the input, and the feedback keeps the robot in the rectangle. If it is farther
+//! from the motion than the rectangle has room, the gate stops it.
 
 use crate::command::IdentifyOptions;
 use crate::excitation::{self, Room};

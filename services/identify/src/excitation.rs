@@ -7,8 +7,8 @@
 //! | 15 %              | a sum of five sines: forward, then left, then yaw                 |
 //! | 40 %              | steps on all axes at once                                         |
 //!
-//! It begins and ends at rest. A step is as steep as the acceleration allows, and lasts 0.3 to 1.2 s
-//! longer, so that a robot reaches its steady speed in
+//! It begins and ends at rest. A step is as steep as the acceleration allows, and lasts 0.3 to
+//! 1.2 s longer, so that a robot reaches its steady speed in
 //! some and not in others. A step that would leave the rectangle is replaced by one towards its
 //! middle.
 

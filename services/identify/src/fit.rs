@@ -1,7 +1,7 @@
 //! Estimates a response: prediction errors of whole stretches are minimised.
 //!
-//! 1. **Start.** On each axis alone, a grid of dead times and time constants; gain and offset follow
-//!    by linear least squares.
+//! 1. **Start.** On each axis alone, a grid of dead times and time constants; gain and offset
+//!    follow by linear least squares.
 //! 2. **Fit.** Levenberg–Marquardt over all parameters of all axes at once, from the best starts.
 //!    An error counts in multiples of its axis' own scatter, and linearly where it is large (pseudo
 //!    Huber), so that a collision or a slip does not decide.
@@ -13,8 +13,8 @@
 //!    covariance is that of Newey and West, 1987: H⁻¹ (Σ_l w_l Σ_k g_k g_{k+l}ᵀ) H⁻¹ with the
 //!    gradients g_k of one period, H = JᵀJ and the weights w_l = 1 − l/(L + 1).
 //!
-//! Drag and dry friction can hardly be told apart at the speeds of one drive, so the drag has a prior:
-//! 0 with a standard deviation of 0.01 s/m, which is 1 % of the speed at 1 m/s.
+//! Drag and dry friction can hardly be told apart at the speeds of one drive, so the drag has a
+//! prior: 0 with a standard deviation of 0.01 s/m, which is 1 % of the speed at 1 m/s.
 //!
 //! The quantile is that of Kiefer and Vogelsang, 2005, for a bandwidth that is a share b of the
 //! data: 1.96 + 2.97 b, and the covariance is enlarged for the number of parameters.

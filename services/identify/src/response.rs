@@ -14,7 +14,7 @@
 //! | K      | steady velocity per input; K_ij and C_ij with i ≠ j couple the axes        |
 //! | τ, d   | time constant and dead time                                                |
 //! | ρ      | integral part of the speed loops; 0 where they are proportional |
-//! | c, v_s | dry friction as the steady velocity that it costs, and the speed at which it is fully there |
+//! | c, v_s | dry friction as the velocity that it costs, and the speed at which it is full |
 //! | D      | drag of the planar axes, in planar velocity lost per squared speed; 0 for yaw |
 //! | b      | constant offset: slope, or a sensor's bias                                 |
 //! | s      | share of the turning frame's acceleration (Coriolis); 0 where wheels hold the body |
