@@ -33,7 +33,7 @@ fn is_permissive(expression: &str) -> bool {
 fn packages() -> Result<Vec<Value>, Box<dyn Error>> {
     let output = Command::new(env!("CARGO"))
         .current_dir(repository())
-        .args(["metadata", "--locked", "--offline", "--format-version", "1"])
+        .args(["metadata", "--locked", "--format-version", "1"])
         .output()?;
     let mut metadata: Value = serde_json::from_slice(&output.stdout)?;
     Ok(metadata["packages"].as_array_mut().map(std::mem::take).unwrap_or_default())

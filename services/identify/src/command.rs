@@ -3,7 +3,7 @@
 use crate::drive::{self, DriveError};
 use crate::fit::{self, Estimate};
 use crate::judgement::{prediction_error, recommendation, untold};
-use crate::log::{Log, LogError, moved};
+use crate::log::{AXIS_NAMES, Log, LogError, moved};
 use crate::report::Page;
 use crate::response::Response;
 use crate::robot_file;
@@ -25,7 +25,8 @@ pub struct IdentifyOptions {
     #[arg(value_name = "LOG", required_unless_present = "drive", conflicts_with = "drive")]
     pub logs: Vec<PathBuf>,
     /// Drive the robot or simulator of this graph file first: steps and sines of velocity within a
-    /// rectangle around its start. Look that the rectangle is free.
+    /// rectangle around the scenario's start pose. Look that the robot stands there, and that the
+    /// rectangle is free.
     #[arg(long, value_name = "GRAPH")]
     pub drive: Option<PathBuf>,
     /// Robot file with wheels and limits; with --drive by default that of the graph.
@@ -35,25 +36,25 @@ pub struct IdentifyOptions {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Length and width of the free rectangle, as 3x2 \[m\].
-    #[arg(long, value_name = "SIZE", default_value = "2x2", value_parser = size)]
+    #[arg(long, value_name = "SIZE", default_value = "2x2", requires = "drive", value_parser = size)]
     pub area: [f64; 2],
     /// Largest planar speed of the drive \[m/s\].
-    #[arg(long, value_name = "M/S", default_value_t = 0.5)]
+    #[arg(long, value_name = "M/S", default_value_t = 0.5, requires = "drive")]
     pub speed: f64,
     /// Largest yaw rate of the drive \[rad/s\].
-    #[arg(long, value_name = "RAD/S", default_value_t = 1.0)]
+    #[arg(long, value_name = "RAD/S", default_value_t = 1.0, requires = "drive")]
     pub yaw_rate: f64,
     /// Duration of the drive \[s\].
-    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0, requires = "drive")]
     pub duration: f64,
     /// Seed of the drive.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "drive")]
     pub seed: u64,
     /// Pace of the drive: real-time, or lock-step for a simulator.
-    #[arg(long, value_name = "PACE", value_parser = pace)]
+    #[arg(long, value_name = "PACE", requires = "drive", value_parser = pace)]
     pub pace: Option<Pace>,
     /// Change of the graph's scenario for the drive, as a line of TOML; may be given several times.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", requires = "drive")]
     pub changes: Vec<String>,
 }
 
@@ -98,6 +99,38 @@ pub enum IdentifyError {
         /// The range.
         expected: &'static str,
     },
+    /// The gate stopped the robot during the drive.
+    #[error(
+        "the gate stopped the robot during the drive ({}): drive slower, or give more room; the \
+         record is kept", .0.join("; ")
+    )]
+    Stopped(Vec<String>),
+    /// The result is no robot.
+    #[error(
+        "the identified {key} is not possible ({found}): expected {expected}; is the sign of an \
+         input or a velocity wrong?"
+    )]
+    Impossible {
+        /// The key of the robot file.
+        key: &'static str,
+        /// The identified response.
+        found: String,
+        /// Expected values.
+        expected: &'static str,
+    },
+    /// The velocity is far beyond the limits of the robot.
+    #[error(
+        "{axis}: the velocity is {velocity:.3} (rms), and the robot file allows inputs of {limit}: \
+         expected m/s and rad/s"
+    )]
+    TooFast {
+        /// Name of the axis.
+        axis: &'static str,
+        /// Measured velocity, rms.
+        velocity: f64,
+        /// Largest input of the robot file.
+        limit: f64,
+    },
     /// A result cannot be written.
     #[error("{} cannot be written: {source}", path.display())]
     Write {
@@ -109,10 +142,10 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
-    /// 1 if the system reports a write error, else 2.
+    /// 1 if the system reports a write error or the drive failed, else 2.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Write { .. } | Self::Drive(DriveError::Write { .. }) => 1,
+            Self::Write { .. } | Self::Drive(DriveError::Write { .. }) | Self::Stopped(_) => 1,
             _ => 2,
         }
     }
@@ -150,7 +183,6 @@ impl IdentifyOptions {
             return Ok(Plan::Logs(self.logs.clone(), Box::new(robot)));
         };
         let out = std::path::absolute(&self.out).unwrap_or_else(|_| self.out.clone());
-        create(&out)?;
         let drive = drive::prepare(graph, self, &out)?;
         Ok(Plan::Drive(Box::new(drive)))
     }
@@ -173,12 +205,22 @@ fn create(folder: &Path) -> Result<(), IdentifyError> {
 const USED: f64 = 0.75;
 
 /// Identifies the robot of `logs`, whose file states `given`, and writes robot file and report into
-/// `out`. Prints the parameters.
+/// `out`. Prints the parameters. A drive in which the gate stopped the robot is not used.
 ///
 /// # Errors
 /// [`IdentifyError`]; no file was written then.
-pub fn identify(logs: &[PathBuf], given: &Robot, out: &Path) -> Result<(), IdentifyError> {
+pub fn identify(
+    logs: &[PathBuf],
+    given: &Robot,
+    out: &Path,
+    is_drive: bool,
+) -> Result<(), IdentifyError> {
     let log = Log::read(logs)?;
+    if log.is_stopped && is_drive {
+        return Err(IdentifyError::Stopped(log.notes));
+    }
+    log.check()?;
+    check_speed(&log, given)?;
     let mut terminal = Terminal::new();
     for note in &log.notes {
         terminal.say(format_args!("identify: {note}"));
@@ -188,23 +230,29 @@ pub fn identify(logs: &[PathBuf], given: &Robot, out: &Path) -> Result<(), Ident
     let mut progress = |what: &str| {
         terminal.progress(Instant::now(), || Some(format!("identify: {what}")));
     };
-    let [used, held_out] = log.split(USED);
+    let used = log.first(USED);
     progress("three quarters of the data");
     let first = fit::estimate(&used, wheels, axes, None, &mut progress);
     let estimate = fit::estimate(&log, wheels, axes, Some(&first.response), &mut progress);
     let stated = stated(given);
     let ahead = |response: &Response| {
-        [1, 10].map(|steps| prediction_error(&held_out, wheels, response, steps))
+        [1, 10].map(|steps| prediction_error(&log, USED, wheels, response, steps))
     };
     let errors = [("identified", ahead(&first.response)), ("robot file given", ahead(&stated))];
     let source = logs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
     let untold = untold(&estimate);
     let recommended = recommendation(&estimate);
-    let sensors = sensors(&log, wheels, &fit::errors(&log, wheels, &estimate));
+    let sensors = sensors(&log, wheels, &fit::errors(&log, wheels, &estimate.response));
+    let robot = robot_file::robot(given, &estimate);
+    robot.check().map_err(|impossible| IdentifyError::Impossible {
+        key: impossible.key,
+        found: format!("{:?}", robot.response.unwrap_or_default()),
+        expected: impossible.expected,
+    })?;
     let page = Page {
         source: &source,
         log: &log,
-        held_out: &held_out,
+        held_out_from: USED,
         wheels,
         estimate: &estimate,
         checked: &first.response,
@@ -215,7 +263,7 @@ pub fn identify(logs: &[PathBuf], given: &Robot, out: &Path) -> Result<(), Ident
     };
     let robot_path = out.join("robot.toml");
     let text =
-        robot_file::text(given, &estimate, &log, &source, &recommended).map_err(|error| {
+        robot_file::text(&robot, &estimate, &log, &source, &recommended).map_err(|error| {
             IdentifyError::Write { path: robot_path.clone(), source: io::Error::other(error) }
         })?;
     create(out)?;
@@ -233,6 +281,20 @@ pub fn identify(logs: &[PathBuf], given: &Robot, out: &Path) -> Result<(), Ident
     ));
     terminal::print(robot_path.display());
     terminal::print(report.display());
+    Ok(())
+}
+
+/// Fails if the robot is far faster than its file allows: all numbers may have another unit.
+fn check_speed(log: &Log, given: &Robot) -> Result<(), IdentifyError> {
+    let planar = given.limits.input_mps;
+    let limits = [planar, planar, given.limits.yaw_input_radps];
+    let velocity = log.speed();
+    for axis in 0..3 {
+        let (velocity, limit) = (velocity[axis], limits[axis]);
+        if velocity > 3.0 * limit {
+            return Err(IdentifyError::TooFast { axis: AXIS_NAMES[axis], velocity, limit });
+        }
+    }
     Ok(())
 }
 

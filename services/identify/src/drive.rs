@@ -14,8 +14,8 @@ use process::atomic_file;
 use robot::{Robot, TrackingLimit};
 use settings::SettingsError;
 use std::fmt::Write;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 use toml::{Table, Value};
 
 /// Acceleration of the motion, per acceleration that the robot file allows: the feedback needs the
@@ -28,6 +28,12 @@ pub enum DriveError {
     /// A file cannot be used.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// The rectangle is too small for the robot.
+    #[error("--area: expected at least {:.2}x{:.2}, twice the robot", least[0], least[1])]
+    Area {
+        /// The least length and width \[m\].
+        least: [f64; 2],
+    },
     /// A file cannot be written.
     #[error("{} cannot be written: {source}", path.display())]
     Write {
@@ -68,6 +74,20 @@ pub fn prepare(
     let IdentifyOptions { changes, seed, duration: duration_s, .. } = wanted;
     let (seed, duration_s) = (*seed, *duration_s);
     let graph: Graph = settings::read(graph_file)?;
+    let refused = |key: &str, expected: &str| SettingsError::Value {
+        file: graph_file.to_owned(),
+        line: None,
+        key: key.to_owned(),
+        value: None,
+        expected: expected.to_owned(),
+    };
+    if !graph.hosts.is_empty() {
+        let expected = "a graph without hosts: launch the hosts, and identify from the records";
+        return Err(refused("hosts", expected).into());
+    }
+    if !graph.processes.recorder.enabled {
+        return Err(refused("processes.recorder", "a recorder: the record is identified").into());
+    }
     let beside = graph_file.parent().unwrap_or(Path::new(""));
     let own = beside.join(&graph.scenario);
     let name = own.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
@@ -76,30 +96,38 @@ pub fn prepare(
     let robot = robot_of(wanted.robot.as_deref().unwrap_or(&beside.join(&graph.robot)))?;
     let limits = &robot.limits;
     let planar = STEEP * limits.input_rate_mps2;
+    let extent = robot.wheels.half_extent_m();
+    for side in 0..2 {
+        if wanted.area[side] < 4.0 * extent[side] {
+            return Err(DriveError::Area { least: extent.map(|extent| 4.0 * extent) });
+        }
+    }
     let room = Room {
-        size_m: wanted.area,
+        size_m: [0, 1].map(|side| wanted.area[side] - 2.0 * extent[side]),
         speed_mps: wanted.speed.min(limits.input_mps),
         yaw_rate_radps: wanted.yaw_rate.min(limits.yaw_input_radps),
         acceleration: [planar, planar, STEEP * limits.yaw_input_rate_radps2],
     };
-    let write = |file: &str, text: &str| {
-        let path = folder.join(file);
-        atomic_file::write(&path, text.as_bytes())
-            .map_err(|source| DriveError::Write { path: path.clone(), source })?;
-        Ok::<_, DriveError>(path)
-    };
-    let points = points(&room, duration_s, &scenario, seed);
-    let points = write("motion.csv", &points)?;
     let text = Scenario::merged(&scenario_folder, &name, None, changes)?;
     let invalid = |what: String| DriveError::Scenario { path: own.clone(), what };
     let mut table: Table =
         text.parse().map_err(|error: toml::de::Error| invalid(error.message().to_owned()))?;
-    excite(&mut table, &points, duration_s, &scenario_folder);
-    let scenario = write("drive.toml", &table.to_string())?;
     let mut held = robot;
     let margin = 0.5 * excitation::UNUSED * room.size_m[0].min(room.size_m[1]);
     held.limits.tracking_error_m = TrackingLimit::At(margin);
     let held = toml::to_string(&held).map_err(|error| invalid(error.to_string()))?;
+    let points = points(&room, duration_s, &scenario, seed);
+    // Nothing can be refused from here on.
+    let write = |file: &str, text: &str| {
+        let path = folder.join(file);
+        let written =
+            fs::create_dir_all(folder).and_then(|()| atomic_file::write(&path, text.as_bytes()));
+        written.map_err(|source| DriveError::Write { path: path.clone(), source })?;
+        Ok::<_, DriveError>(path)
+    };
+    let points = write("motion.csv", &points)?;
+    excite(&mut table, &points, duration_s, &scenario_folder);
+    let scenario = write("drive.toml", &table.to_string())?;
     let held = write("driven-robot.toml", &held)?;
     let options = Options {
         scenario: Some(scenario),

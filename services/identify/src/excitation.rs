@@ -139,10 +139,26 @@ impl Plan<'_> {
         })
     }
 
-    /// Five sines on `axis` for `time` \[s\].
+    /// Five sines on `axis` for `time` \[s\], as fast as the rectangle allows.
     fn sines(&mut self, axis: usize, time: f64) {
-        let phases = SINES_HZ.map(|_| self.random.random_range(0.0..TAU));
-        let share = self.largest()[axis] / SINES_HZ.len() as f64;
+        let mut share = self.largest()[axis] / SINES_HZ.len() as f64;
+        let begin = (self.points.len(), self.velocity);
+        loop {
+            for _ in 0..TRIES {
+                let phases = SINES_HZ.map(|_| self.random.random_range(0.0..TAU));
+                self.sum_of_sines(axis, time, share, phases);
+                let made = self.points.iter().skip(begin.0);
+                if made.into_iter().all(|point| self.is_inside(&point.pose)) {
+                    return;
+                }
+                self.points.truncate(begin.0);
+                self.velocity = begin.1;
+            }
+            share *= 0.7;
+        }
+    }
+
+    fn sum_of_sines(&mut self, axis: usize, time: f64, share: f64, phases: [f64; 5]) {
         let count = (time / self.period_s) as usize;
         for number in 0..count {
             let now = number as f64 * self.period_s;
@@ -154,6 +170,7 @@ impl Plan<'_> {
             velocity[axis] = sines.sum();
             self.advance(velocity);
         }
+        self.hold([0.0; AXES], self.ramp_s());
     }
 
     fn hold(&mut self, velocity: Velocity, time: f64) {
@@ -186,11 +203,15 @@ impl Plan<'_> {
             let to = if (number as f64) * part < hold { velocity } else { [0.0; AXES] };
             now = self.towards(now, to, part);
             pose = moved(pose, now, part);
-            let [length, width] = self.room.size_m;
-            pose[0].abs() <= 0.5 * USED * length
-                && pose[1].abs() <= 0.5 * USED * width
-                && pose[2].abs() <= YAW_MAX
+            self.is_inside(&pose)
         })
+    }
+
+    fn is_inside(&self, pose: &[f64; AXES]) -> bool {
+        let [length, width] = self.room.size_m;
+        pose[0].abs() <= 0.5 * USED * length
+            && pose[1].abs() <= 0.5 * USED * width
+            && pose[2].abs() <= YAW_MAX
     }
 }
 
@@ -221,7 +242,9 @@ mod tests {
             let mut fastest = [0.0_f64; AXES];
             for pair in points.windows(2) {
                 let [x, y, yaw] = pair[1].pose;
-                assert!(x.abs() <= 1.0 && y.abs() <= 0.75 && yaw.abs() <= 2.2, "{:?}", pair[1]);
+                // Steps are predicted with a coarser time than they are made.
+                let inside = x.abs() <= 0.72 && y.abs() <= 0.55 && yaw.abs() <= 1.55;
+                assert!(inside, "{:?}", pair[1]);
                 for axis in 0..AXES {
                     let speed = (pair[1].pose[axis] - pair[0].pose[axis]).abs() / 0.02;
                     fastest[axis] = fastest[axis].max(speed);

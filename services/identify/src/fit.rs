@@ -34,6 +34,9 @@ use std::thread;
 
 /// Error above which it counts linearly, in multiples of the scatter.
 const LARGE: f64 = 2.5;
+/// Least scatter that counts \[m/s, m/s, rad/s\]: a simulator without noise must not give one axis
+/// all the weight.
+const SCATTER_MIN: f64 = 5e-4;
 /// Time over which errors are about independent \[s\].
 const CORRELATED_S: f64 = 0.3;
 /// Time after which no correlation is left \[s\].
@@ -60,6 +63,8 @@ pub struct Estimate {
     pub parameters: Vec<Estimated>,
     /// Scatter of the error of each axis \[m/s, m/s, rad/s\].
     pub scatter: Velocity,
+    /// Whether the last fit ended at a minimum.
+    pub is_converged: bool,
 }
 
 /// One parameter with its interval.
@@ -81,9 +86,9 @@ impl Estimate {
 }
 
 /// Differences of measured and simulated velocity, period by period \[m/s, m/s, rad/s\].
-pub fn errors(log: &Log, wheels: &Wheels, estimate: &Estimate) -> Vec<Velocity> {
+pub fn errors(log: &Log, wheels: &Wheels, response: &Response) -> Vec<Velocity> {
     let simulations = simulations(log, wheels);
-    Fit::new(log, &simulations, estimate.axes).errors(&estimate.response)
+    Fit::new(log, &simulations, [true; AXES]).errors(response)
 }
 
 fn simulations<'a>(log: &'a Log, wheels: &'a Wheels) -> Vec<Simulation<'a>> {
@@ -117,11 +122,12 @@ pub fn estimate(
             fit.minimise(start, &parameters)
         });
         let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
-        (best.unwrap_or((f64::INFINITY, first)), parameters)
+        (best.unwrap_or((f64::INFINITY, first, false)), parameters)
     });
     kinds[1].0.0 /= 1.0 - WORTH;
     let [without, with] = kinds;
-    let ((_, mut response), mut parameters) = if with.0.0 < without.0.0 { with } else { without };
+    let ((_, mut response, _), mut parameters) =
+        if with.0.0 < without.0.0 { with } else { without };
     fit.scale = fit.scatter(&response);
     progress("limits of the acceleration");
     let mut cost = fit.minimise(&response, &parameters);
@@ -136,7 +142,8 @@ pub fn estimate(
         }
     }
     fit.scale = fit.scatter(&response);
-    response = fit.minimise(&response, &parameters).1;
+    let last = fit.minimise(&response, &parameters);
+    response = last.1;
     progress("intervals");
     let lags = (UNCORRELATED_S / log.period_s).ceil() as usize;
     let half_widths = fit.half_widths(&response, &parameters, lags);
@@ -145,7 +152,8 @@ pub fn estimate(
         value: parameter.of(&response),
         half_width,
     });
-    Estimate { response, axes, parameters: estimated.collect(), scatter: fit.scatter(&response) }
+    let (parameters, scatter) = (estimated.collect(), fit.scatter(&response));
+    Estimate { response, axes, parameters, scatter, is_converged: last.2 }
 }
 
 fn limits(axes: [bool; AXES]) -> Vec<Parameter> {
@@ -195,7 +203,7 @@ impl<'a> Fit<'a> {
             let mut sizes: Vec<f64> = errors.iter().map(|error| error[axis].abs()).collect();
             sizes.sort_by(f64::total_cmp);
             let median = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
-            (1.4826 * median).max(1e-6)
+            (1.4826 * median).max(SCATTER_MIN)
         })
     }
 
@@ -217,8 +225,8 @@ impl<'a> Fit<'a> {
         DVector::from_iterator(errors.len() * AXES + 1, counted.chain([prior]))
     }
 
-    /// The response near `start` with the least cost, and the cost.
-    fn minimise(&self, start: &Response, parameters: &[Parameter]) -> (f64, Response) {
+    /// The least cost near `start`, its response, and whether it is a minimum.
+    fn minimise(&self, start: &Response, parameters: &[Parameter]) -> (f64, Response, bool) {
         let free = parameters.iter().map(|parameter| parameter.free(start));
         let problem = Problem {
             fit: self,
@@ -229,7 +237,7 @@ impl<'a> Fit<'a> {
         let method =
             LevenbergMarquardt::new().with_ftol(1e-7).with_xtol(1e-7).with_patience(PATIENCE);
         let (problem, report) = method.minimize(problem);
-        (report.objective_function, problem.response())
+        (report.objective_function, problem.response(), report.termination.was_successful())
     }
 
     /// A start with `limit`, if one explains the data better than `cost` before any fit: a limited
@@ -284,7 +292,25 @@ impl<'a> Fit<'a> {
             free: DVector::from_iterator(parameters.len(), free),
         };
         let (jacobian, residuals) = (problem.derivatives(), self.residuals(response));
-        let count = parameters.len();
+        // A parameter without any effect has no interval, and must not spoil the others'.
+        let live: Vec<usize> =
+            (0..parameters.len()).filter(|&index| jacobian.column(index).norm() > 0.0).collect();
+        let deviations = self.deviations(&jacobian.select_columns(&live), &residuals, lags);
+        let mut half_widths = vec![f64::INFINITY; parameters.len()];
+        for (&index, deviation) in live.iter().zip(deviations) {
+            half_widths[index] = deviation * parameters[index].slope(response);
+        }
+        half_widths
+    }
+
+    /// Half of the 95 % interval of each free number; infinite if the data do not tell it.
+    fn deviations(
+        &self,
+        jacobian: &DMatrix<f64>,
+        residuals: &DVector<f64>,
+        lags: usize,
+    ) -> Vec<f64> {
+        let count = jacobian.ncols();
         // The last row is that of the prior.
         let last = residuals.len() - 1;
         let periods = last / AXES;
@@ -308,17 +334,15 @@ impl<'a> Fit<'a> {
         }
         let prior = jacobian.row(last);
         middle += self.correlated * prior.tr_mul(&prior);
-        let unknown = || vec![f64::INFINITY; count];
         // In units of each column, so that the inverse is well conditioned.
         let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
-        if !norms.iter().all(|norm| *norm > 0.0) {
-            return unknown();
-        }
-        let mut scaled = jacobian;
+        let mut scaled = jacobian.clone();
         for (mut column, norm) in scaled.column_iter_mut().zip(&norms) {
             column /= *norm;
         }
-        let Some(inverse) = scaled.tr_mul(&scaled).try_inverse() else { return unknown() };
+        let Some(inverse) = scaled.tr_mul(&scaled).try_inverse() else {
+            return vec![f64::INFINITY; count];
+        };
         for row in 0..count {
             for column in 0..count {
                 middle[(row, column)] /= norms[row] * norms[column];
@@ -331,8 +355,13 @@ impl<'a> Fit<'a> {
         let quantile = enlarged.sqrt() * (WIDTH_95 + 2.97 * bandwidth);
         (0..count)
             .map(|index| {
-                let deviation = covariance[(index, index)].max(0.0).sqrt() / norms[index];
-                quantile * deviation * parameters[index].slope(response)
+                let variance = covariance[(index, index)];
+                // A variance that is none is one that the data do not tell.
+                if variance > 0.0 {
+                    quantile * variance.sqrt() / norms[index]
+                } else {
+                    f64::INFINITY
+                }
             })
             .collect()
     }

@@ -12,15 +12,22 @@ const WIDE: f64 = 0.25;
 /// The same for a dead time \[s\].
 const WIDE_S: f64 = 0.02;
 
-/// RMS of the prediction error `steps` periods ahead, from each sample \[m/s, m/s, rad/s\].
-pub fn prediction_error(log: &Log, wheels: &Wheels, response: &Response, steps: usize) -> Velocity {
-    let past = ((0.6 / log.period_s).ceil() as usize).max(1);
+/// RMS of the prediction error `steps` periods ahead, from each sample after the first `share` of its
+/// stretch; not a number if there is none \[m/s, m/s, rad/s\].
+pub fn prediction_error(
+    log: &Log,
+    share: f64,
+    wheels: &Wheels,
+    response: &Response,
+    steps: usize,
+) -> Velocity {
     let (mut sums, mut count) = ([0.0; AXES], 0.0);
     for stretch in &log.stretches {
         let simulation = Simulation::new(wheels, stretch, log.period_s);
         // The integral parts are not measured: they are those of a simulation until then.
         let whole = simulation.whole(response);
-        for from in past..stretch.len().saturating_sub(steps) {
+        let first = ((share * stretch.len() as f64) as usize).max(1);
+        for from in first..stretch.len().saturating_sub(steps) {
             let integral = whole[from - 1].integral;
             let begin = Motion { velocity: stretch[from].velocity, integral };
             let run = simulation.run(response, begin, from, steps);
@@ -32,7 +39,7 @@ pub fn prediction_error(log: &Log, wheels: &Wheels, response: &Response, steps: 
             count += 1.0;
         }
     }
-    sums.map(|sum: f64| (sum / f64::max(count, 1.0)).sqrt())
+    sums.map(|sum: f64| (sum / count).sqrt())
 }
 
 /// What the data do not tell, each with the motion that would.
@@ -46,6 +53,9 @@ pub fn untold(estimate: &Estimate) -> Vec<String> {
             )
         })
         .collect();
+    if !estimate.is_converged {
+        untold.push("the fit did not end at a minimum: do not trust it".to_owned());
+    }
     for Estimated { parameter, value, half_width } in &estimate.parameters {
         let needed = match parameter {
             Parameter::Gain(axis, other) if axis == other => {
@@ -94,8 +104,8 @@ const PERIODS_MILLIS: [f64; 4] = [10.0, 20.0, 50.0, 100.0];
 const HORIZON_MAX: usize = 40;
 
 /// The period is at most half of the shortest time constant, so that the controller sees a response
-/// while it happens. The horizon covers the dead time and twice the longest time constant, and has
-/// at least 5 periods.
+/// while it happens, but not below 10 ms. The horizon covers the dead time and twice the longest
+/// time constant, and has 5 to 40 periods.
 pub fn recommendation(estimate: &Estimate) -> Recommendation {
     let moved = || (0..AXES).filter(|&axis| estimate.axes[axis]);
     let constant = |axis: usize| estimate.response.time_constant_s[axis];

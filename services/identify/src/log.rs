@@ -52,6 +52,8 @@ pub struct Log {
     pub stretches: Vec<Stretch>,
     /// What was left out, and where.
     pub notes: Vec<String>,
+    /// Whether the gate stopped the robot.
+    pub is_stopped: bool,
 }
 
 /// Why a log cannot be used.
@@ -121,6 +123,14 @@ pub enum LogError {
         /// Yaw rate, rms \[rad/s\].
         yaw_rate_radps: f64,
     },
+    /// The input moves no axis.
+    #[error(
+        "the input moves no axis: expected steps of the input, as `coxswain identify --drive` makes"
+    )]
+    NoInput,
+    /// A log was given twice.
+    #[error("{}: expected each log once", .0.display())]
+    Twice(PathBuf),
     /// Velocity and pose contradict each other.
     #[error(
         "{axis}: the velocity is {factor:.3} times what the pose says (rms {velocity:.4} and \
@@ -158,20 +168,29 @@ fn after(notes: &[String]) -> String {
 }
 
 impl Log {
-    /// Reads logs of one robot, each a record, a run directory or a table (`.csv`), and checks that
-    /// they can be used.
+    /// Reads logs of one robot, each a record, a run directory or a table (`.csv`).
     ///
     /// # Errors
     /// [`LogError`].
     pub fn read(paths: &[PathBuf]) -> Result<Self, LogError> {
         let mut log = Self::default();
-        for path in paths {
+        for (number, path) in paths.iter().enumerate() {
+            if paths[..number].contains(path) {
+                return Err(LogError::Twice(path.clone()));
+            }
             let is_table = path.extension().is_some_and(|extension| extension == "csv");
             let part = if is_table { table::read(path) } else { record::read(path) }?;
             log.append(path, part)?;
         }
-        check::check(&log)?;
         Ok(log)
+    }
+
+    /// Fails unless an estimate can be made from it.
+    ///
+    /// # Errors
+    /// [`LogError`].
+    pub fn check(&self) -> Result<(), LogError> {
+        check::check(self)
     }
 
     /// Number of samples.
@@ -189,15 +208,19 @@ impl Log {
         self.len() as f64 * self.period_s
     }
 
-    /// The first `share` of each stretch, and the rest.
-    pub fn split(&self, share: f64) -> [Self; 2] {
-        let mut parts = [self.clone(), self.clone()];
-        for (first, rest) in self.stretches.iter().enumerate() {
-            let at = (share * rest.len() as f64) as usize;
-            parts[0].stretches[first].truncate(at);
-            parts[1].stretches[first].drain(..at);
+    /// Measured velocity, rms \[m/s, m/s, rad/s\].
+    pub fn speed(&self) -> Velocity {
+        check::rms(self, |_, sample| sample.velocity)
+    }
+
+    /// The first `share` of each stretch.
+    #[must_use]
+    pub fn first(&self, share: f64) -> Self {
+        let mut first = self.clone();
+        for stretch in &mut first.stretches {
+            stretch.truncate((share * stretch.len() as f64) as usize);
         }
-        parts
+        first
     }
 
     fn append(&mut self, path: &Path, part: Self) -> Result<(), LogError> {
@@ -212,6 +235,7 @@ impl Log {
         self.period_s = part.period_s;
         self.stretches.extend(part.stretches);
         self.notes.extend(part.notes);
+        self.is_stopped |= part.is_stopped;
         Ok(())
     }
 }
@@ -228,41 +252,71 @@ struct Cutter {
     name: String,
     done: Vec<Stretch>,
     open: Stretch,
+    /// Time of the last row, also of one that was left out \[s\].
+    last_s: f64,
     notes: Vec<String>,
+    is_stopped: bool,
 }
 
 impl Cutter {
     fn new(path: &Path, period_s: f64) -> Self {
         let name = path.display().to_string();
-        Self { period_s, name, done: Vec::new(), open: Vec::new(), notes: Vec::new() }
+        Self {
+            period_s,
+            name,
+            done: Vec::new(),
+            open: Vec::new(),
+            last_s: f64::NEG_INFINITY,
+            notes: Vec::new(),
+            is_stopped: false,
+        }
     }
 
     fn note(&mut self, place: &str, what: &str) {
         self.notes.push(format!("{} {place}: {what}", self.name));
     }
 
+    /// Ends the stretch. One that is too short to be used is left out.
     fn cut(&mut self) {
-        self.done.push(std::mem::take(&mut self.open));
+        let stretch = std::mem::take(&mut self.open);
+        let time = stretch.len() as f64 * self.period_s;
+        if time >= check::STRETCH_MIN_S {
+            self.done.push(stretch);
+        } else if let Some(first) = stretch.first() {
+            let place = format!("from {:.2} s on", first.time_s);
+            self.note(&place, &format!("only {time:.2} s without a gap, left out"));
+        }
+    }
+
+    /// The clock begins anew.
+    fn restart(&mut self) {
+        self.cut();
+        self.last_s = f64::NEG_INFINITY;
     }
 
     /// Adds a row from `place`.
-    fn add(&mut self, place: &str, sample: Sample) -> Result<(), LogError> {
+    fn add(&mut self, place: &str, mut sample: Sample) -> Result<(), LogError> {
         if !sample.is_finite() {
             self.note(place, "a number that is not finite, left out");
             self.cut();
             return Ok(());
         }
+        let step = sample.time_s - self.last_s;
+        if step == 0.0 {
+            self.note(place, "the time of the row before, left out");
+            return Ok(());
+        }
+        if step < 0.0 {
+            let place = format!("{} {place}", self.name);
+            let (time_s, before_s) = (sample.time_s, self.last_s);
+            return Err(LogError::Backwards { place, time_s, before_s });
+        }
+        self.last_s = sample.time_s;
         if let Some(last) = self.open.last() {
             let step = sample.time_s - last.time_s;
-            if step == 0.0 {
-                self.note(place, "the time of the row before, left out");
-                return Ok(());
-            }
-            if step < 0.0 {
-                let place = format!("{} {place}", self.name);
-                let (time_s, before_s) = (sample.time_s, last.time_s);
-                return Err(LogError::Backwards { place, time_s, before_s });
-            }
+            // The heading may be wrapped in the log. Here it is continuous.
+            let turn = sample.pose[2] - last.pose[2];
+            sample.pose[2] = last.pose[2] + turn.sin().atan2(turn.cos());
             if (step / self.period_s - 1.0).abs() > 0.5 {
                 self.note(place, &format!("{step:.3} s since the row before"));
                 self.cut();
@@ -274,15 +328,14 @@ impl Cutter {
 
     fn finish(mut self) -> Log {
         self.cut();
-        let least = (check::STRETCH_MIN_S / self.period_s) as usize;
-        let stretches = self.done.into_iter().filter(|stretch| stretch.len() >= least).collect();
         let mut notes = self.notes;
         let more = notes.len().saturating_sub(NOTES_MAX);
         notes.truncate(NOTES_MAX);
         if more > 0 {
-            notes.push(format!("and {more} more"));
+            notes.push(format!("{}: and {more} more", self.name));
         }
-        Log { period_s: self.period_s, stretches, notes }
+        let (period_s, is_stopped) = (self.period_s, self.is_stopped);
+        Log { period_s, stretches: self.done, notes, is_stopped }
     }
 }
 

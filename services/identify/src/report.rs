@@ -21,8 +21,8 @@ pub struct Page<'a> {
     pub source: &'a str,
     /// All data.
     pub log: &'a Log,
-    /// The part that `checked` was not estimated from.
-    pub held_out: &'a Log,
+    /// Share of each stretch from which on `checked` was not estimated from it.
+    pub held_out_from: f64,
     /// The wheels.
     pub wheels: &'a Wheels,
     /// The estimate from all data.
@@ -154,29 +154,30 @@ impl Page<'_> {
         html.push_str("</tbody></table></div></section>");
     }
 
-    /// Measured and simulated velocity of the longest stretch that was held out, and the difference.
+    /// Measured and simulated velocity at the held-out end of the longest stretch, and the difference.
     fn write_motion(&self, html: &mut String) {
-        let longest = self.held_out.stretches.iter().max_by_key(|stretch| stretch.len());
+        let longest = self.log.stretches.iter().max_by_key(|stretch| stretch.len());
         let Some(stretch) = longest.filter(|stretch| stretch.len() > 1) else { return };
-        let simulation = Simulation::new(self.wheels, stretch, self.held_out.period_s);
+        let simulation = Simulation::new(self.wheels, stretch, self.log.period_s);
+        let from = (self.held_out_from * stretch.len() as f64) as usize;
         let run = simulation.whole(self.checked);
-        let times: Vec<f64> = stretch.iter().skip(1).map(|sample| sample.time_s).collect();
+        let shown = || stretch.iter().skip(1).zip(&run).skip(from);
+        let times: Vec<f64> = shown().map(|(sample, _)| sample.time_s).collect();
         let across = Axis::linear(Extent::of(times.iter().copied()));
         html.push_str(
-            "<figure id=\"motion\"><h2>Measured and simulated</h2><figcaption>Held-out motion, \
-             simulated from its first sample on.</figcaption><ul class=\"legend\">\
+            "<figure id=\"motion\"><h2>Measured and simulated</h2><figcaption>The held-out \
+             end of the longest stretch, simulated from the begin of the stretch on.</figcaption><ul class=\"legend\">\
              <li class=\"r0\"><span class=\"key\"></span>measured</li>\
              <li class=\"r1\"><span class=\"key\"></span>simulated</li></ul>\
              <div class=\"panels pairs\">",
         );
         for axis in (0..AXES).filter(|&axis| self.estimate.axes[axis]) {
-            let measured: Vec<f64> =
-                stretch.iter().skip(1).map(|sample| sample.velocity[axis]).collect();
-            let simulated: Vec<f64> = run.iter().map(|motion| motion.velocity[axis]).collect();
+            let measured: Vec<f64> = shown().map(|(sample, _)| sample.velocity[axis]).collect();
+            let simulated: Vec<f64> = shown().map(|(_, motion)| motion.velocity[axis]).collect();
             let points = |values: &[f64]| -> Vec<(f64, f64)> {
                 times.iter().copied().zip(values.iter().copied()).collect()
             };
-            let gap = 2.5 * self.held_out.period_s;
+            let gap = 2.5 * self.log.period_s;
             let detail = Detail::for_records(1);
             let both = Extent::of(measured.iter().chain(&simulated).copied()).padded();
             let name = AXIS_NAMES[axis];

@@ -23,39 +23,53 @@ pub fn stated(robot: &Robot) -> Response {
     }
 }
 
-/// The given robot with the identified response. Axes that were not moved keep what the file says.
+/// The given robot with the identified response. Axes that were not moved, and parameters that the
+/// data do not tell at all, keep what the file says.
 pub fn robot(given: &Robot, estimate: &Estimate) -> Robot {
     let mut response = stated(given);
-    let found = &estimate.response;
-    let moved: Vec<usize> = (0..AXES).filter(|&axis| estimate.axes[axis]).collect();
-    for &axis in &moved {
-        response.gain[axis] = rounded(found.gain[axis][axis]);
-        response.time_constant_s[axis] = rounded(found.time_constant_s[axis]);
+    for axis in 0..AXES {
+        if let Some(gain) = told(estimate, Parameter::Gain(axis, axis)) {
+            response.gain[axis] = rounded(gain);
+        }
+        if let Some(constant) = told(estimate, Parameter::TimeConstant(axis)) {
+            response.time_constant_s[axis] = rounded(constant);
+        }
     }
-    response.dead_time_s = rounded(dead_time_s(estimate).max(0.0));
+    if let Some(dead_time) = dead_time_s(estimate) {
+        response.dead_time_s = rounded(dead_time.max(0.0));
+    }
     let limit = given.wheel_speed_limit_radps();
     response.wheel_speed_limit_radps = limit.is_finite().then_some(limit);
     Robot { body: None, drive: None, response: Some(response), ..*given }
 }
 
-/// Mean dead time of all axes, each by its precision: the robot file has one \[s\].
-pub fn dead_time_s(estimate: &Estimate) -> f64 {
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for axis in 0..AXES {
-        if let Some(dead) = estimate.of(Parameter::DeadTime(axis)) {
-            let weight = 1.0 / (dead.half_width * dead.half_width).max(1e-12);
-            if weight.is_finite() {
-                sum += weight * dead.value;
-                weights += weight;
-            }
-        }
-    }
-    if weights > 0.0 { sum / weights } else { 0.0 }
+/// The value of a parameter whose interval is narrower than the value itself.
+fn told(estimate: &Estimate, parameter: Parameter) -> Option<f64> {
+    let found = estimate.of(parameter)?;
+    (found.half_width < found.value.abs()).then_some(found.value)
 }
 
-/// Four digits after the point, which is more than any interval allows.
+/// Mean dead time of all axes, each by its precision: the robot file has one. None if the data do
+/// not tell it \[s\].
+pub fn dead_time_s(estimate: &Estimate) -> Option<f64> {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for axis in 0..AXES {
+        let found = estimate.of(Parameter::DeadTime(axis));
+        if let Some(dead) = found.filter(|dead| dead.half_width < UNTOLD_S) {
+            let weight = 1.0 / (dead.half_width * dead.half_width).max(1e-12);
+            sum += weight * dead.value;
+            weights += weight;
+        }
+    }
+    (weights > 0.0).then(|| sum / weights)
+}
+
+/// Interval of a dead time that tells nothing \[s\].
+const UNTOLD_S: f64 = 0.1;
+
+/// Four digits, which is more than any interval allows.
 fn rounded(value: f64) -> f64 {
-    (value * 1e4).round() / 1e4
+    format!("{value:.3e}").parse().unwrap_or(value)
 }
 
 /// The text of the file.
@@ -63,7 +77,7 @@ fn rounded(value: f64) -> f64 {
 /// # Errors
 /// If the robot cannot be written as TOML.
 pub fn text(
-    given: &Robot,
+    robot: &Robot,
     estimate: &Estimate,
     log: &Log,
     source: &str,
@@ -102,6 +116,6 @@ pub fn text(
         "#\n# Recommended: period_millis = {}, mpc.horizon_steps = {}, weights of the profile {}.\n",
         recommended.period_millis, recommended.horizon_steps, recommended.profile
     );
-    text.push_str(&toml::to_string(&robot(given, estimate))?);
+    text.push_str(&toml::to_string(robot)?);
     Ok(text)
 }

@@ -59,7 +59,7 @@ fn table(folder: &TempDir, rows: &[[f64; 10]]) -> Result<PathBuf, Box<dyn Error>
 fn refused(rows: &[[f64; 10]]) -> Result<LogError, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    match identify(&[table(&folder, rows)?], &Robot::example(), &out) {
+    match identify(&[table(&folder, rows)?], &Robot::example(), &out, false) {
         Err(IdentifyError::Log(error)) => {
             assert!(!out.exists(), "{error}");
             Ok(error)
@@ -72,7 +72,7 @@ fn refused(rows: &[[f64; 10]]) -> Result<LogError, Box<dyn Error>> {
 fn a_table_becomes_a_robot_file_that_can_be_read_and_a_report() -> Outcome {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    identify(&[table(&folder, &rows([1.0; 3]))?], &Robot::example(), &out)?;
+    identify(&[table(&folder, &rows([1.0; 3]))?], &Robot::example(), &out, false)?;
     let robot = graph::assembly::robot_of(&out.join("robot.toml"))?;
     let response = robot.response.ok_or("no response")?;
     // λ/(κ + f) of 22 kg, r = 50 mm; see plant-sim.
@@ -90,7 +90,7 @@ fn a_table_becomes_a_robot_file_that_can_be_read_and_a_report() -> Outcome {
 fn an_axis_that_does_not_move_keeps_what_the_robot_file_says() -> Outcome {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    identify(&[table(&folder, &rows([1.0, 0.0, 0.0]))?], &Robot::example(), &out)?;
+    identify(&[table(&folder, &rows([1.0, 0.0, 0.0]))?], &Robot::example(), &out, false)?;
     let text = std::fs::read_to_string(out.join("robot.toml"))?;
     let robot = graph::assembly::robot_of(&out.join("robot.toml"))?;
     let constant = (15.0 * 0.05 * 0.05 / 4.0 + 2e-3) / 0.082;
@@ -134,6 +134,7 @@ fn a_log_that_cannot_be_used_is_refused_by_its_reason() -> Outcome {
     assert!(matches!(refused(&scaled(6..7, 57.3))?, LogError::Unit { axis: "yaw", .. }));
     assert!(matches!(refused(&scaled(7..9, 1000.0))?, LogError::InputUnit { .. }));
     assert!(matches!(refused(&scaled(1..10, 0.0))?, LogError::NoMotion { .. }));
+    assert!(matches!(refused(&scaled(7..10, 0.0))?, LogError::NoInput));
     assert!(matches!(refused(&good[..100])?, LogError::TooShort { .. }));
     assert!(matches!(refused(&scaled(0..1, 1e3))?, LogError::Period { .. }));
     Ok(())

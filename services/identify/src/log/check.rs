@@ -32,6 +32,9 @@ pub(super) fn check(log: &Log) -> Result<(), LogError> {
             yaw_rate_radps: velocity[2],
         });
     }
+    if super::moved(log) == [false; AXES] {
+        return Err(LogError::NoInput);
+    }
     for axis in 0..AXES {
         let (velocity, from_pose, input) = (velocity[axis], from_pose[axis], input[axis]);
         let factor = velocity / from_pose;
@@ -41,7 +44,8 @@ pub(super) fn check(log: &Log) -> Result<(), LogError> {
             return Err(LogError::Unit { axis, factor, velocity, from_pose });
         }
         let factor = input / velocity;
-        let is_moving = velocity.max(input) > 10.0 * STANDING[axis];
+        // An axis without input may be moved by the others.
+        let is_moving = input > STANDING[axis] && velocity.max(input) > 10.0 * STANDING[axis];
         if is_moving && !(1.0 / SAME_INPUT_UNIT..=SAME_INPUT_UNIT).contains(&factor) {
             let axis = AXIS_NAMES[axis];
             return Err(LogError::InputUnit { axis, factor, input, velocity });

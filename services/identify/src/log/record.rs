@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path) -> Result<Log, LogError> {
             .map_err(|source| LogError::Message { path: path.to_owned(), number, source })?;
         if epoch.replace(row.stamp.epoch).is_some_and(|before| before != row.stamp.epoch) {
             cutter.note(&format!("state {number}"), "the plant was started again");
-            cutter.cut();
+            cutter.restart();
         }
         let stop =
             row.stop.as_deref().filter(|reason| *reason != Reason::word(Reason::None as u32));
@@ -51,6 +51,7 @@ pub(super) fn read(path: &Path) -> Result<Log, LogError> {
             // What follows is the ramp of the brake, and then rest.
             if !std::mem::replace(&mut stopped, true) {
                 cutter.note(&format!("state {number}"), &format!("the gate stopped: {reason}"));
+                cutter.is_stopped = true;
                 cutter.cut();
             }
             return Ok(());

@@ -49,11 +49,11 @@ fn wheel_columns(columns: &StringRecord) -> Vec<usize> {
     (1..=WHEELS_MAX).map_while(of_wheel).collect()
 }
 
+/// None if a wheel has no number: then the row has no measured wheel speeds.
 fn wheel_speeds(record: &StringRecord, columns: &[usize]) -> Option<PerWheel> {
     let mut speeds: PerWheel = [0.0; WHEELS_MAX];
     for (speed, &column) in speeds.iter_mut().zip(columns) {
-        // A cell without a number is a wheel without a measurement.
-        *speed = record.get(column)?.parse().unwrap_or(f64::NAN);
+        *speed = record.get(column)?.parse().ok().filter(|speed: &f64| speed.is_finite())?;
     }
     (!columns.is_empty()).then_some(speeds)
 }
