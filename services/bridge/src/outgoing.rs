@@ -29,7 +29,7 @@ pub(crate) enum Flow {
     /// Sent once. What the link does not take is lost.
     Free,
     /// A few pieces at a time, for long messages. A message whose pieces are not acknowledged is
-    /// given up: a newer one follows.
+    /// given up if a newer one has come, and else sent again from its begin.
     Paced,
     /// Sent until it is acknowledged. A full window stops the writer in shared memory.
     Lossless,
@@ -96,6 +96,7 @@ impl Outgoing<'_> {
             window: Window::new(self.flow.window(), Instant::now()),
             number: 0,
             message: Vec::new(),
+            is_lost: false,
             stopped: None,
         };
         let has_history = self.topic.quality(false).history > 0 && self.flow != Flow::Lossless;
@@ -110,10 +111,15 @@ impl Outgoing<'_> {
             let is_read = !pieces.window.is_full() && source.wait(PATIENCE)?;
             if is_read && let Some(message) = source.next()? {
                 if self.is_of_this_host(&message) {
+                    if pieces.is_lost {
+                        self.sent.given_up.fetch_add(1, Ordering::Relaxed);
+                    }
                     wire::encode(&message, &mut pieces.message);
                     pieces.send();
                     self.sent.messages.fetch_add(1, Ordering::Relaxed);
                 }
+            } else if pieces.is_lost {
+                pieces.send();
             } else if pieces.window.is_full() {
                 thread::park_timeout(PATIENCE);
             }
@@ -142,6 +148,8 @@ struct Pieces<'a> {
     number: u64,
     /// The last message, encoded.
     message: Vec<u8>,
+    /// Whether not all of its pieces were acknowledged in time.
+    is_lost: bool,
     /// Time of the stop request.
     stopped: Option<Instant>,
 }
@@ -157,6 +165,7 @@ impl Pieces<'_> {
 
     /// Sends the message, piece by piece.
     fn send(&mut self) {
+        self.is_lost = false;
         let length = u32::try_from(self.message.len()).unwrap_or(u32::MAX);
         for range in ranges(self.message.len()) {
             while self.window.is_full() {
@@ -177,8 +186,8 @@ impl Pieces<'_> {
         }
     }
 
-    /// Drops what is acknowledged from the window, and handles what is lost. True if a message was
-    /// given up.
+    /// Drops what is acknowledged from the window, and handles what is lost. True if the message
+    /// was.
     fn tend(&mut self) -> bool {
         let now = Instant::now();
         self.window.acknowledge(self.lane.acknowledged.through(), now);
@@ -187,7 +196,7 @@ impl Pieces<'_> {
         }
         if self.lane.flow == Flow::Paced {
             self.window.clear();
-            self.lane.sent.given_up.fetch_add(1, Ordering::Relaxed);
+            self.is_lost = true;
             return true;
         }
         for (label, bytes) in self.window.again(now) {
