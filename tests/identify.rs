@@ -1,5 +1,5 @@
-//! Promise: a robot is driven within its rectangle, and its record becomes a robot file. A drive that
-//! fails leaves an error, and no robot file.
+//! Promise: a robot is driven within its rectangle, and its record becomes a robot file. A drive
+//! that fails leaves an error, and no robot file.
 
 use graph::assembly::robot_of;
 use promises::{Outcome, binaries, graph_file, repository};

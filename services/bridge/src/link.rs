@@ -252,7 +252,7 @@ impl Link {
         self.subject.as_deref().is_none_or(|expected| subject == Some(expected))
     }
 
-    /// Who is at the other end of a link now.
+    /// The peer at the other end of the link, if there is a link.
     pub(crate) fn occupant(&self) -> Option<Occupant> {
         let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
         let (session, _) = session.as_ref()?;

@@ -96,7 +96,11 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| format!("expected seconds: more than 0 and at most {DURATION_MAX_S}"))
 }
 
-fn pace(text: &str) -> Result<Pace, String> {
+/// A pace by its name.
+///
+/// # Errors
+/// A sentence with the names that there are.
+pub fn pace(text: &str) -> Result<Pace, String> {
     match text {
         "real-time" => Ok(Pace::RealTime),
         "lock-step" => Ok(Pace::LockStep),

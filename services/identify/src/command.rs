@@ -10,6 +10,7 @@ use crate::robot_file;
 use crate::sensors::sensors;
 use clap::Args;
 use graph::assembly::robot_of;
+use graph::options::pace;
 use process::{Pace, atomic_file};
 use robot::Robot;
 use settings::SettingsError;
@@ -64,14 +65,6 @@ fn size(text: &str) -> Result<[f64; 2], String> {
         Some([side(length)?, side(width)?])
     });
     sides.ok_or_else(|| "expected length and width in metres, such as 2x1.5".to_owned())
-}
-
-fn pace(text: &str) -> Result<Pace, String> {
-    match text {
-        "real-time" => Ok(Pace::RealTime),
-        "lock-step" => Ok(Pace::LockStep),
-        _ => Err("expected real-time or lock-step".into()),
-    }
 }
 
 /// Why nothing was identified.
@@ -161,10 +154,10 @@ pub enum Plan {
 }
 
 impl IdentifyOptions {
-    /// Reads the files that these options name, and creates the folder of the results.
+    /// Reads the files that these options name, and writes those of a drive.
     ///
     /// # Errors
-    /// [`IdentifyError`]; nothing was created then.
+    /// [`IdentifyError`]; nothing was created then, unless the system reports a write error.
     pub fn plan(&self) -> Result<Plan, IdentifyError> {
         let ranges = [
             ("speed", self.speed, 0.01, 10.0, "0.01 to 10 m/s"),

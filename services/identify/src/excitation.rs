@@ -8,9 +8,8 @@
 //! | 40 %              | steps on all axes at once                                         |
 //!
 //! It begins and ends at rest. A step is as steep as the acceleration allows, and lasts 0.3 to
-//! 1.2 s longer, so that a robot reaches its steady speed in
-//! some and not in others. A step that would leave the rectangle is replaced by one towards its
-//! middle.
+//! 1.2 s longer, so that a robot reaches its steady speed in some and not in others. A step that
+//! would leave the rectangle is replaced by one towards its middle.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -139,11 +138,12 @@ impl Plan<'_> {
         })
     }
 
-    /// Five sines on `axis` for `time` \[s\], as fast as the rectangle allows.
+    /// Five sines on `axis` for `time` \[s\], as fast as the rectangle allows; rest where there is
+    /// no room for any.
     fn sines(&mut self, axis: usize, time: f64) {
         let mut share = self.largest()[axis] / SINES_HZ.len() as f64;
         let begin = (self.points.len(), self.velocity);
-        loop {
+        for _ in 0..TRIES {
             for _ in 0..TRIES {
                 let phases = SINES_HZ.map(|_| self.random.random_range(0.0..TAU));
                 self.sum_of_sines(axis, time, share, phases);
@@ -156,6 +156,7 @@ impl Plan<'_> {
             }
             share *= 0.7;
         }
+        self.hold([0.0; AXES], time);
     }
 
     fn sum_of_sines(&mut self, axis: usize, time: f64, share: f64, phases: [f64; 5]) {
@@ -228,6 +229,27 @@ fn moved([x, y, yaw]: [f64; AXES], velocity: Velocity, time: f64) -> [f64; AXES]
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_robot_at_the_edge_of_its_room_rests_where_sines_have_no_room() {
+        let room = Room {
+            size_m: [1.0, 1.0],
+            speed_mps: 0.5,
+            yaw_rate_radps: 1.0,
+            acceleration: [1e3; AXES],
+        };
+        let at_edge = Point { time_s: 0.0, pose: [0.36, 0.0, 0.0] };
+        let mut plan = Plan {
+            room: &room,
+            period_s: 0.02,
+            random: Pcg64Mcg::seed_from_u64(1),
+            points: vec![at_edge],
+            velocity: [0.0; AXES],
+        };
+        plan.sines(0, 3.0);
+        assert_eq!(plan.pose(), at_edge.pose);
+        assert!(plan.points.len() > 140, "{}", plan.points.len());
+    }
 
     #[test]
     fn the_motion_stays_in_its_room_and_moves_every_axis() {

@@ -61,8 +61,6 @@ pub struct Estimate {
     pub axes: [bool; AXES],
     /// What was estimated.
     pub parameters: Vec<Estimated>,
-    /// Scatter of the error of each axis \[m/s, m/s, rad/s\].
-    pub scatter: Velocity,
     /// Whether the last fit ended at a minimum.
     pub is_converged: bool,
 }
@@ -152,8 +150,7 @@ pub fn estimate(
         value: parameter.of(&response),
         half_width,
     });
-    let (parameters, scatter) = (estimated.collect(), fit.scatter(&response));
-    Estimate { response, axes, parameters, scatter, is_converged: last.2 }
+    Estimate { response, axes, parameters: estimated.collect(), is_converged: last.2 }
 }
 
 fn limits(axes: [bool; AXES]) -> Vec<Parameter> {

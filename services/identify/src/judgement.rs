@@ -12,8 +12,8 @@ const WIDE: f64 = 0.25;
 /// The same for a dead time \[s\].
 const WIDE_S: f64 = 0.02;
 
-/// RMS of the prediction error `steps` periods ahead, from each sample after the first `share` of its
-/// stretch; not a number if there is none \[m/s, m/s, rad/s\].
+/// RMS of the prediction error `steps` periods ahead, from each sample after the first `share` of
+/// its stretch; not a number if there is none \[m/s, m/s, rad/s\].
 pub fn prediction_error(
     log: &Log,
     share: f64,

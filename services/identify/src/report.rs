@@ -72,7 +72,8 @@ impl Page<'_> {
     fn write_parameters(&self, html: &mut String) {
         html.push_str(
             "<section id=\"parameters\"><h2>Response</h2><div class=\"scroll\"><table><thead><tr>\
-             <th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr></thead><tbody>",
+             <th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr></thead>\
+             <tbody>",
         );
         for found in &self.estimate.parameters {
             let _ = write!(
@@ -154,7 +155,8 @@ impl Page<'_> {
         html.push_str("</tbody></table></div></section>");
     }
 
-    /// Measured and simulated velocity at the held-out end of the longest stretch, and the difference.
+    /// Measured and simulated velocity at the held-out end of the longest stretch, and their
+    /// difference.
     fn write_motion(&self, html: &mut String) {
         let longest = self.log.stretches.iter().max_by_key(|stretch| stretch.len());
         let Some(stretch) = longest.filter(|stretch| stretch.len() > 1) else { return };
@@ -166,7 +168,8 @@ impl Page<'_> {
         let across = Axis::linear(Extent::of(times.iter().copied()));
         html.push_str(
             "<figure id=\"motion\"><h2>Measured and simulated</h2><figcaption>The held-out \
-             end of the longest stretch, simulated from the begin of the stretch on.</figcaption><ul class=\"legend\">\
+             end of the longest stretch, simulated from the begin of the stretch on.</figcaption>\
+             <ul class=\"legend\">\
              <li class=\"r0\"><span class=\"key\"></span>measured</li>\
              <li class=\"r1\"><span class=\"key\"></span>simulated</li></ul>\
              <div class=\"panels pairs\">",

@@ -51,7 +51,7 @@ fn told(estimate: &Estimate, parameter: Parameter) -> Option<f64> {
 
 /// Mean dead time of all axes, each by its precision: the robot file has one. None if the data do
 /// not tell it \[s\].
-pub fn dead_time_s(estimate: &Estimate) -> Option<f64> {
+fn dead_time_s(estimate: &Estimate) -> Option<f64> {
     let (mut sum, mut weights) = (0.0, 0.0);
     for axis in 0..AXES {
         let found = estimate.of(Parameter::DeadTime(axis));
@@ -113,7 +113,8 @@ pub fn text(
     }
     let _ = writeln!(
         text,
-        "#\n# Recommended: period_millis = {}, mpc.horizon_steps = {}, weights of the profile {}.\n",
+        "#\n# Recommended: period_millis = {}, mpc.horizon_steps = {}, weights of the profile \
+         {}.\n",
         recommended.period_millis, recommended.horizon_steps, recommended.profile
     );
     text.push_str(&toml::to_string(robot)?);
