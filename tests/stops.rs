@@ -158,6 +158,53 @@ fn a_robot_thrown_off_its_path_stands_through_a_restart_until_a_person_resumes_i
 }
 
 #[test]
+fn an_operator_stops_the_robot_also_without_a_controller_and_for_a_restarted_plant() -> Outcome {
+    let launched = launch(&graph_file("local"), &circle()?, "", &["--duration", "600"])?;
+    launched.wait_for_log("controller", "answering a plant", 1)?;
+    let controller = launched.process("controller", None)?;
+    signal(controller, Signal::STOP)?;
+    let (code, text) = order(&launched, "stop")?;
+    assert_eq!(code, Some(0), "{text}");
+    launched.process("controller", Some(controller))?;
+    launched.told_a_person("controller: stopped by an operator")?;
+
+    std::thread::sleep(Duration::from_secs(2));
+    let plant = launched.process("plant-sim", None)?;
+    signal(plant, Signal::KILL)?;
+    launched.process("plant-sim", Some(plant))?;
+    launched.wait_for_log("controller", "answering a plant", 3)?;
+    std::thread::sleep(Duration::from_secs(2));
+    let (code, text) = order(&launched, "stop")?;
+    assert_eq!(code, Some(0), "a stopped robot can be stopped: {text}");
+    let (code, text) = order(&launched, "resume")?;
+    assert_eq!(code, Some(0), "{text}");
+    std::thread::sleep(Duration::from_secs(1));
+    let (_, record) = end(launched)?;
+
+    let epochs: Vec<u64> = {
+        let mut epochs: Vec<u64> = record.of("state").map(|state| state.stamp("epoch")).collect();
+        epochs.dedup();
+        epochs
+    };
+    assert_eq!(epochs.len(), 2, "{epochs:?}");
+    for epoch in epochs {
+        let states = || record.of("state").filter(|state| state.stamp("epoch") == epoch);
+        let stopped: Vec<_> = states().filter(|state| is_stopped(state)).collect();
+        assert!(stopped.iter().all(|state| state.word("stop") == "operator stop"));
+        let first = stopped.first().ok_or("never stopped")?.stamp("tick");
+        let stands: Vec<_> = stopped
+            .iter()
+            .filter(|state| state.stamp("tick") > first + STANDS_AFTER_TICKS)
+            .map(|state| state.numbers("input"))
+            .collect();
+        assert!(!stands.is_empty() && stands.iter().all(|input| *input == [0.0; 3]), "{stands:?}");
+    }
+    let last = record.of("state").next_back().ok_or("no state")?;
+    assert_eq!(last.word("gate"), "driving", "after the order to resume");
+    Ok(())
+}
+
+#[test]
 fn without_a_limit_nothing_is_latched() -> Outcome {
     for (limits, stops) in [("tracking_error_m = \"none\"\n", false), (LIMIT, true)] {
         let options = ["--pace", "lock-step", "--duration", "15"];

@@ -8,6 +8,7 @@ mod command;
 mod credit;
 mod define;
 pub mod field;
+mod goal;
 mod health;
 mod model_snapshot;
 mod plan;
@@ -18,12 +19,13 @@ mod stamp;
 mod truth;
 
 pub use codes::{
-    Coded, Exposure, FallbackLevel, GateState, Participant, Phase, Reason, SolverStatus,
-    UnknownCode,
+    Coded, Exposure, FallbackLevel, GateState, GoalKind, GoalPhase, Participant, Phase, Reason,
+    SolverStatus, UnknownCode,
 };
 pub use command::{Command, TAIL_MAX};
 pub use credit::Credit;
 pub use define::{Fields, Fixed};
+pub use goal::Goal;
 pub use health::{ERROR_TEXT_MAX, Health};
 pub use model_snapshot::{INPUTS_MAX, ModelSnapshot, SnapshotHead, SnapshotRow};
 pub use plan::{HORIZON_MAX, Plan};

@@ -2,7 +2,7 @@
 
 use crate::message::Participant::{self, Controller, Gateway, Learner, Plant, Recorder};
 use crate::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
+    Command, Credit, Goal, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
 };
 use serde::{Deserialize, Serialize};
 
@@ -188,6 +188,9 @@ topics! {
     /// recorder → plant, in lock step.
     Credit("credit", Credit): &[Recorder] => &[Plant],
         (64, 1, 4, 8), lossless: true, Periods, Serve, alone: true;
+    /// controller → watchers.
+    Goal("goal", Goal): &[Controller] => &[Recorder, Gateway],
+        (64, 1, 4, 16), lossless: false, Heartbeats, Show, alone: false;
 }
 
 impl Topic {
@@ -233,7 +236,7 @@ impl Topic {
 
     /// Whether the launcher of each host subscribes to it as well.
     pub const fn is_read_by_launchers(self) -> bool {
-        matches!(self, Self::Plan | Self::Health)
+        matches!(self, Self::Plan | Self::Health | Self::Goal)
     }
 
     /// Place in [`Topic::ALL`].

@@ -20,6 +20,7 @@ TOPICS = {
     "health": "Health",
     "truth": "Truth",
     "credit": "Credit",
+    "goal": "Goal",
 }
 
 

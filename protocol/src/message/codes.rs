@@ -144,6 +144,8 @@ coded! {
         Disarmed = 20 => "disarmed",
         /// The optimiser found no plan, or its plans track worse than the simple controller would.
         NoPlan = 21 => "no plan that holds",
+        /// An operator has ordered the stop.
+        OperatorStop = 22 => "operator stop",
     }
 }
 
@@ -158,6 +160,34 @@ coded! {
         Driving = 2 => "driving",
         /// Braked to a standstill, latched until a person resumes.
         Stopped = 3 => "stopped",
+    }
+}
+
+coded! {
+    /// What a goal demands.
+    GoalKind {
+        /// To stand where the robot is.
+        Hold = 0 => "hold",
+        /// To drive to a pose.
+        Pose = 1 => "pose",
+        /// To drive along a path.
+        Path = 2 => "path",
+        /// To drive with a body velocity for a time.
+        Velocity = 3 => "velocity",
+    }
+}
+
+coded! {
+    /// How far a goal is.
+    GoalPhase {
+        /// The robot is on its way.
+        Active = 0 => "active",
+        /// The robot stands at the end of the goal.
+        Reached = 1 => "reached",
+        /// A later goal has taken its place.
+        Preempted = 2 => "preempted",
+        /// The plant has restarted: the robot stands where it is.
+        Aborted = 3 => "aborted",
     }
 }
 

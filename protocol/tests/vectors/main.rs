@@ -9,9 +9,9 @@ mod wire_document;
 
 use bytemuck::Zeroable;
 use protocol::message::{
-    Command, Credit, Exposure, FallbackLevel, GateState, HORIZON_MAX, Health, INPUTS_MAX, Message,
-    ModelSnapshot, Participant, Phase, Plan, PlantState, Reason, ResidualSample, SnapshotHead,
-    SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
+    Command, Credit, Exposure, FallbackLevel, GateState, Goal, GoalKind, GoalPhase, HORIZON_MAX,
+    Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
+    ResidualSample, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::topic::{OnTopic, Visit, visit_all};
 use protocol::{VERSION, frame, wire};
@@ -185,6 +185,27 @@ examples! {
             reserved: 0,
         }),
     ],
+    Goal: vec![
+        ("typical", Goal {
+            stamp: typical(),
+            id: 7,
+            plant_epoch: 1,
+            begins_at_tick: 1000,
+            ends_at_tick: 1100,
+            target: [2.0, 1.0, 1.5],
+            left_m: 1.25,
+            left_s: 1.2,
+            kind: GoalKind::Pose.code(),
+            phase: GoalPhase::Active.code(),
+        }),
+        ("extreme", Goal {
+            stamp: extreme(),
+            id: u64::MAX,
+            ends_at_tick: u64::MAX,
+            target: EDGES,
+            ..Goal::zeroed()
+        }),
+    ],
     Truth: vec![
         ("typical", Truth {
             stamp: typical(),
@@ -265,9 +286,9 @@ examples! {
                 models_left: 3,
                 snapshots: 12,
                 snapshots_refused: 1,
-                sent: [0, 1040, 1040, 0, 1040, 104, 0, 0],
-                received: [1041, 0, 0, 13, 0, 0, 0, 0],
-                dropped: [0, 2, 0, 0, 0, 0, 0, 0],
+                sent: [0, 1040, 1040, 0, 1040, 104, 0, 0, 0],
+                received: [1041, 0, 0, 13, 0, 0, 0, 0, 0],
+                dropped: [0, 2, 0, 0, 0, 0, 0, 0, 0],
                 ..Health::zeroed()
             };
             health.set_last_error("snapshot 9 refused: α differs");
@@ -277,7 +298,7 @@ examples! {
             let mut health = Health {
                 stamp: extreme(),
                 pid: u32::MAX,
-                lost: [u64::MAX; 8],
+                lost: [u64::MAX; 9],
                 ..Health::zeroed()
             };
             health.set_last_error(&"x".repeat(120));

@@ -10,8 +10,8 @@ use crate::settings::{Remote, Settings};
 use network::Breach;
 use process::{Pulse, Repeated, Stop};
 use protocol::message::{
-    Command, Credit, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample,
-    Truth,
+    Command, Credit, Goal, Health, ModelSnapshot, Participant, Phase, Plan, PlantState,
+    ResidualSample, Truth,
 };
 use protocol::topic::{TOPIC_COUNT, Topic};
 use std::sync::Arc;
@@ -37,7 +37,7 @@ macro_rules! of_topic {
     ($topic:expr, $message:ident => $body:expr) => {
         of_topic!($topic, $message => $body,
             State PlantState, Command Command, Residual ResidualSample, Snapshot ModelSnapshot,
-            Plan Plan, Health Health, Truth Truth, Credit Credit)
+            Plan Plan, Health Health, Truth Truth, Credit Credit, Goal Goal)
     };
     ($topic:expr, $message:ident => $body:expr, $($variant:ident $of:ident),+) => {
         match $topic {

@@ -20,7 +20,9 @@ use model::learned::{INPUTS, Layout, Learned};
 use model::{AXES, State};
 use process::Run;
 use protocol::clock::monotonic_nanos;
-use protocol::message::{FallbackLevel, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead};
+use protocol::message::{
+    FallbackLevel, GateState, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead,
+};
 use robot::Robot;
 use std::error::Error;
 use std::hint::black_box;
@@ -164,6 +166,7 @@ fn control_tick(criterion: &mut Criterion) {
         }
         let handover = Handover::default();
         let mut state: PlantState = bytemuck::Zeroable::zeroed();
+        state.gate = GateState::Driving.code();
         (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
             (1, 0, FallbackLevel::FreshPlan.code());
         (state.velocity, state.input) = ([2.7, 0.0, 0.0], [2.7, 0.0, 0.0]);
@@ -207,6 +210,7 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
     drop(controller.adopt(candidate(16)?));
     let handover = Handover::default();
     let mut measured: PlantState = bytemuck::Zeroable::zeroed();
+    measured.gate = GateState::Driving.code();
     measured.stamp.epoch = 1;
     let (mut robot, mut fresh, mut times) = (State::default(), 0_u64, vec![1; TICKS as usize]);
     let mut drive = |ticks: std::ops::Range<u64>| {

@@ -8,7 +8,7 @@ use controller::adopt::Handover;
 use controller::control::Controller;
 use controller::reference::Reference;
 use model::State;
-use protocol::message::PlantState;
+use protocol::message::{GateState, PlantState};
 use std::env;
 use std::error::Error;
 use std::io::{self, Write};
@@ -27,6 +27,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
     let (mut controller, handover) = (Controller::new(&settings)?, Handover::default());
     let mut robot = State { pose: settings.start, ..State::default() };
     let mut measured: PlantState = bytemuck::Zeroable::zeroed();
+    measured.gate = GateState::Driving.code();
     measured.stamp.epoch = 1;
     for tick in 0..ticks {
         (measured.stamp.tick, measured.pose, measured.velocity) =

@@ -14,12 +14,13 @@ mod refusal;
 
 use crate::complaints::Complaint;
 use crate::control::tuning::Tuned;
+use crate::goal::{Course, Outlook};
 use crate::sensors::SensorFault;
 use crossbeam_queue::ArrayQueue;
 use model::Velocity;
 use model::gp::posterior::VarianceScratch;
 use model::learned::{Layout, Uncertain};
-use protocol::message::{FallbackLevel, Reason};
+use protocol::message::{FallbackLevel, GoalPhase, Reason};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 pub use examine::{Examiner, prepare};
@@ -103,6 +104,15 @@ pub enum Event {
         /// Why.
         reason: Reason,
     },
+    /// A goal has got into another phase.
+    Goal {
+        /// At this tick.
+        tick: u64,
+        /// Number of the goal.
+        id: u64,
+        /// Its phase.
+        phase: GoalPhase,
+    },
     /// Driver or robot file has an error.
     Complaint {
         /// At this tick.
@@ -136,6 +146,14 @@ pub struct Handover {
     pub tuned: ArrayQueue<Box<Tuned>>,
     /// The same once they are in use, with the replaced parts, to be freed.
     pub exchanged: ArrayQueue<Box<Tuned>>,
+    /// Memory for the way ahead, which the control thread fills.
+    pub outlook_wanted: ArrayQueue<Box<Outlook>>,
+    /// The way ahead.
+    pub outlook: ArrayQueue<Box<Outlook>>,
+    /// A goal for the control thread.
+    pub course: ArrayQueue<Box<Course>>,
+    /// The same with the tick from which on it is in use, if it is, and with what it has replaced.
+    pub followed: ArrayQueue<(Box<Course>, Option<u64>)>,
     /// The tick of the newest answer.
     pub tick: AtomicU64,
     /// Events for the log. When it is full, the newest events are dropped and counted.
@@ -157,6 +175,10 @@ impl Default for Handover {
             returned: ArrayQueue::new(8),
             tuned: ArrayQueue::new(1),
             exchanged: ArrayQueue::new(1),
+            outlook_wanted: ArrayQueue::new(1),
+            outlook: ArrayQueue::new(1),
+            course: ArrayQueue::new(1),
+            followed: ArrayQueue::new(1),
             tick: AtomicU64::new(0),
             events: ArrayQueue::new(256),
             events_dropped: AtomicU64::new(0),

@@ -12,26 +12,32 @@
 //! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file
 //! or socket.
 
+mod goal_watch;
 mod guard;
 mod planner;
 mod publisher;
+mod reference_clock;
 pub mod tuning;
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::currents::Contradicted;
+use crate::goal::{Course, Outlook};
 use crate::identified::Identified;
 use crate::knowledge::{Knowledge, Measured, Period};
 use crate::mpc::{MpcError, Solved};
 use crate::reference::PointsError;
 use crate::sensors::{Driven, SensorFault, Watch};
 use crate::settings::{Method, Settings};
+use goal_watch::GoalWatch;
 use guard::Guard;
 use model::foresight::Foresight;
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use model::{State, Velocity};
 use planner::Planner;
-use protocol::message::{Command, FallbackLevel, Plan, PlantState, Reason, ResidualSample};
+use protocol::message::{
+    Command, FallbackLevel, GateState, Goal, Plan, PlantState, Reason, ResidualSample,
+};
 use publisher::Publisher;
 use tuning::Tuned;
 
@@ -51,6 +57,9 @@ pub enum ControllerError {
     )]
     NoForesight,
 }
+
+/// Interval at which the present goal is told \[s\].
+const GOAL_EVERY_S: f64 = 0.1;
 
 /// The previous state, to find the effect of the input in between.
 #[derive(Debug, Clone, Copy)]
@@ -77,7 +86,7 @@ struct Decision {
 /// use controller::control::Controller;
 /// use model::State;
 /// use process::Run;
-/// use protocol::message::PlantState;
+/// use protocol::message::{GateState, PlantState};
 /// use transport::Links;
 ///
 /// let links = Links::on_this_machine("example", "/tmp", true, 0);
@@ -100,7 +109,7 @@ struct Decision {
 /// let settings: Settings = settings.try_into()?;
 /// let (mut controller, handover) = (Controller::new(&settings)?, Handover::default());
 /// let (mut robot, mut state) = (State::default(), <PlantState as bytemuck::Zeroable>::zeroed());
-/// state.stamp.epoch = 1;
+/// (state.stamp.epoch, state.gate) = (1, GateState::Driving.code());
 /// for tick in 0..50 {
 ///     (state.stamp.tick, state.pose, state.velocity) = (tick, robot.pose, robot.velocity);
 ///     controller.observe(&state, &handover, 1);
@@ -123,6 +132,11 @@ pub struct Controller {
     planner: Planner,
     guard: Guard,
     publisher: Publisher,
+    goal: GoalWatch,
+    /// Whether the robot holds its pose when a plant starts, in place of the reference.
+    holds_at_start: bool,
+    gate: GateState,
+    period_s: f64,
 }
 
 impl Controller {
@@ -159,6 +173,10 @@ impl Controller {
             planner: Planner::new(Tuned::new(settings, None)?, method),
             guard: Guard::new(settings),
             publisher: Publisher::new(),
+            goal: GoalWatch::default(),
+            holds_at_start: false,
+            gate: GateState::Armed,
+            period_s: settings.run.period_nanos as f64 * 1e-9,
         })
     }
 
@@ -203,6 +221,8 @@ impl Controller {
         if self.plant_epoch != Some(state.stamp.epoch) {
             self.start_over(state, handover, controller_epoch);
         }
+        self.gate = state.gate();
+        self.planner.look_at_gate(self.gate, state.stamp.tick, &mut self.knowledge);
         let now = Measured { pose: state.pose, velocity: state.velocity };
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
@@ -285,6 +305,11 @@ impl Controller {
                 ..self.next_fallback_level(decision.fallback_level, reason, &measured)
             };
             self.write(state, &decision);
+        }
+        if self.goal.has_goal() {
+            let reference_tick = self.planner.reference_tick(tick);
+            let reference = self.planner.reference();
+            self.goal.look(tick, reference_tick, self.period_s, &measured, reference);
         }
         let Decision { fallback_level, reason, .. } = decision;
         if self.publisher.settle(&decision) {
@@ -410,6 +435,43 @@ impl Controller {
         self.planner.tune(tuned, &mut self.knowledge);
     }
 
+    /// From now on the robot holds its pose when a plant starts, in place of the reference.
+    pub fn hold_at_start(&mut self) {
+        self.holds_at_start = true;
+    }
+
+    /// Writes the way ahead into `outlook`. False before the first plan, and without a measurement.
+    /// Does not allocate if `outlook` has room.
+    pub fn look_out(&self, outlook: &mut Outlook) -> bool {
+        let (Some(plant_epoch), Some(before)) = (self.plant_epoch, self.before) else {
+            return false;
+        };
+        (outlook.plant_epoch, outlook.gate) = (plant_epoch, self.gate);
+        (outlook.pose, outlook.velocity) = (before.state.pose, before.state.velocity);
+        self.planner.write_ahead(outlook)
+    }
+
+    /// Follows `course` from the answer to `tick` on. False if it is too late for that: then nothing
+    /// has changed. What is no longer needed is in `course` afterwards. Does not allocate or free.
+    pub fn follow(&mut self, course: &mut Course, tick: u64) -> bool {
+        let goal = &course.goal;
+        let is_due = (goal.begins_at_tick..=course.latest_tick).contains(&tick);
+        if !is_due || self.plant_epoch != Some(goal.plant_epoch) {
+            return false;
+        }
+        self.holds_at_start = true;
+        self.goal.follow(course);
+        self.guard.follow_another_reference();
+        self.planner.follow(&mut course.reference, &mut self.knowledge);
+        true
+    }
+
+    /// What is to be told of the goal after the answer to `tick`, one message at a time.
+    pub fn told_goal(&mut self, tick: u64) -> Option<Goal> {
+        let every = (GOAL_EVERY_S / self.period_s).ceil() as u64;
+        self.goal.told(tick, every)
+    }
+
     fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {
         handover.note(Event::Plant { epoch: state.stamp.epoch, controller_epoch });
         self.plant_epoch = Some(state.stamp.epoch);
@@ -418,6 +480,10 @@ impl Controller {
         self.knowledge.reset();
         self.guard.reset();
         self.planner.reset();
+        self.goal.abort();
+        if self.holds_at_start {
+            self.planner.hold(state.pose);
+        }
         self.planner.drop_current_rows(self.guard.dropped_current_rows());
     }
 }

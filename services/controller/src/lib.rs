@@ -4,6 +4,7 @@
 //! |--------------------|----------------------------------------------------------------------|
 //! | [`settings`]       | settings of the controller                                           |
 //! | [`mod@reference`]  | the reference: pose and velocity per tick                            |
+//! | [`goal`]           | a goal that is given while the robot drives → a reference            |
 //! | [`mpc`]            | state, reference and belief in, plan out: one real-time iteration    |
 //! | [`currents`]       | whether motors carry the current that the current rows predict       |
 //! | [`adopt`]          | model snapshots in: checked and prepared beside the control thread   |
@@ -25,6 +26,7 @@ pub mod control;
 pub mod currents;
 pub mod explanations;
 pub mod fallback;
+pub mod goal;
 pub mod identified;
 pub mod knowledge;
 pub mod loop_judge;

@@ -147,6 +147,8 @@ impl ReferencePoint {
 #[derive(Debug, Clone, Default)]
 pub struct Reference {
     points: Vec<ReferencePoint>,
+    /// Tick of the first point.
+    first_tick: u64,
 }
 
 impl ReferenceSettings {
@@ -295,12 +297,17 @@ impl Reference {
                 ReferencePoint { pose: [at.position[0], at.position[1], yaw], velocity, course }
             })
             .collect();
-        Ok(Self { points })
+        Ok(Self { points, first_tick: 0 })
+    }
+
+    /// The table of these points, the first one for `first_tick`.
+    pub fn of_points(points: Vec<ReferencePoint>, first_tick: u64) -> Self {
+        Self { points, first_tick }
     }
 
     /// The reference at a tick. Does not allocate.
     pub fn at(&self, tick: u64) -> ReferencePoint {
-        let index = usize::try_from(tick).unwrap_or(usize::MAX);
+        let index = usize::try_from(tick.saturating_sub(self.first_tick)).unwrap_or(usize::MAX);
         let behind_the_end = || {
             self.points.last().map_or_else(ReferencePoint::default, |last| ReferencePoint {
                 velocity: [0.0; 3],

@@ -13,10 +13,12 @@ use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
 use model::foresight::Foresight;
-use process::requests::changed_before;
+use process::requests::{changed_before, earlier_goal};
 use process::{Pace, Pulse, Seat, Stop, step_back};
 use protocol::clock::monotonic_nanos;
-use protocol::message::{Command, Participant, Phase, Plan, PlantState, ResidualSample};
+use protocol::message::{
+    Command, Goal, GoalPhase, Participant, Phase, Plan, PlantState, ResidualSample,
+};
 use protocol::topic::Topic;
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -139,6 +141,7 @@ struct Loop<'a> {
     commands: Sink<Command>,
     residuals: Sink<ResidualSample>,
     plans: Sink<Plan>,
+    goals: Sink<Goal>,
     pulse: Pulse,
     /// Our epoch, once the first state has reported the used ones.
     epoch: Option<u64>,
@@ -148,6 +151,8 @@ struct Loop<'a> {
     answered_at: u64,
     /// Number of repeated states at the last check.
     repeated: u64,
+    /// The goal and the phase that were logged last.
+    goal_told: Option<(u64, GoalPhase)>,
     /// Time of the next rehearsal, on the monotonic clock \[ns\].
     rehearse_at: Option<u64>,
     /// Held from the rehearsal to the answer.
@@ -164,6 +169,10 @@ impl<'a> Loop<'a> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
         let mut controller = Controller::foreseeing(settings, foresight)?;
         identified::resume(&mut controller, settings);
+        if settings.run.restarted && earlier_goal(&settings.run, Participant::Controller).is_some()
+        {
+            controller.hold_at_start();
+        }
         Ok(Self {
             settings,
             handover,
@@ -173,11 +182,13 @@ impl<'a> Loop<'a> {
             commands: ports.sink()?,
             residuals: ports.sink()?,
             plans: ports.sink()?,
+            goals: ports.sink()?,
             pulse: Pulse::new(ports, Participant::Controller)?.exposed(settings.run.exposure),
             epoch: None,
             answered: None,
             answered_at: 0,
             repeated: 0,
+            goal_told: None,
             rehearse_at: None,
             seat: Seat::new(),
         })
@@ -253,6 +264,7 @@ impl<'a> Loop<'a> {
         self.beside_control(residual)?;
         let plan = self.plans.send(self.controller.explain(nanos));
         self.beside_control(plan)?;
+        self.tell_goal(tick)?;
         self.count(plant_epoch, tick, nanos);
         match self.settings.run.pace {
             Pace::RealTime => self.take_newest(tick),
@@ -311,6 +323,7 @@ impl<'a> Loop<'a> {
         self.commands.set_epoch(epoch);
         self.residuals.set_epoch(epoch);
         self.plans.set_epoch(epoch);
+        self.goals.set_epoch(epoch);
         self.pulse.set_epoch(epoch);
         self.epoch = Some(epoch);
         Ok(epoch)
@@ -365,6 +378,7 @@ impl<'a> Loop<'a> {
     /// Puts changed settings in use, if they are ready. Called between two ticks, and not shortly
     /// before a state is expected.
     fn tune(&mut self) {
+        self.take_goal();
         let Some(mut tuned) = self.handover.tuned.pop() else { return };
         self.controller.tune(&mut tuned, self.answered.map_or(0, |(_, tick)| tick + 1));
         // The attendant has one change under way at a time. If the slot were full, a leak is better
@@ -372,6 +386,40 @@ impl<'a> Loop<'a> {
         if let Err(before) = self.handover.exchanged.push(tuned) {
             Box::leak(before);
         }
+    }
+
+    /// Gives the attendant the way ahead, if it wants it, and takes the goal that it has prepared.
+    fn take_goal(&mut self) {
+        if let Some(mut outlook) = self.handover.outlook_wanted.pop() {
+            let slot = if self.controller.look_out(&mut outlook) {
+                &self.handover.outlook
+            } else {
+                &self.handover.outlook_wanted
+            };
+            if let Err(outlook) = slot.push(outlook) {
+                Box::leak(outlook);
+            }
+        }
+        let next = self.answered.map_or(0, |(_, tick)| tick + 1);
+        if let Some(mut course) = self.handover.course.pop() {
+            let from = self.controller.follow(&mut course, next).then_some(next);
+            if let Err((course, _)) = self.handover.followed.push((course, from)) {
+                Box::leak(course);
+            }
+        }
+    }
+
+    /// Publishes what is new of the goal. It is logged when its phase changes.
+    fn tell_goal(&mut self, tick: u64) -> Result<(), RunError> {
+        while let Some(mut goal) = self.controller.told_goal(tick) {
+            let (id, phase) = (goal.id, goal.phase());
+            if self.goal_told.replace((id, phase)) != Some((id, phase)) {
+                self.handover.note(Event::Goal { tick, id, phase });
+            }
+            let sent = self.goals.send(&mut goal);
+            self.beside_control(sent)?;
+        }
+        Ok(())
     }
 
     /// Whether no state has arrived yet, or none for two periods.
@@ -430,6 +478,7 @@ impl<'a> Loop<'a> {
         self.pulse.count_sink(&self.commands);
         self.pulse.count_sink(&self.residuals);
         self.pulse.count_sink(&self.plans);
+        self.pulse.count_sink(&self.goals);
         let version = self.controller.model_version();
         let knowledge = self.controller.knowledge();
         let (learned_axes, models_left) = (knowledge.learned_axes(), knowledge.models_left());

@@ -73,6 +73,7 @@ struct Robotic {
 impl Robotic {
     fn new(ports: &Ports) -> Result<Self, Box<dyn Error>> {
         let mut state = PlantState::zeroed();
+        state.gate = GateState::Driving.code();
         (state.fallback_level, state.gate) =
             (FallbackLevel::FreshPlan.code(), GateState::Driving.code());
         let main = MainModel::new(&Robot::example(), 0.1);

@@ -8,11 +8,16 @@
 //! | `drill`, `offer`                            | crate `drill`                            |
 //! | `experiment`                                | crate `experiment`                       |
 //! | `set`: settings while the robot drives      | [`set`]                                  |
-//! | `arm`, `resume`: an order to the plant      | [`order`]                                |
+//! | `arm`, `resume`, `stop`: orders to the plant | [`order`]                               |
+//! | `go`, `hold`, `follow`, `drive`: goals      | [`goal`]                                 |
+//! | `status`: what the robot does now           | [`status`]                               |
 //! | `router`: a zenoh router where hosts meet   | [`router`]                               |
 //! | `report`, `export`: reports and tables      | [`records`]                              |
 
+pub mod goal;
+pub mod joined;
 pub mod order;
 pub mod records;
 pub mod router;
 pub mod set;
+pub mod status;

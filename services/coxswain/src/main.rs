@@ -4,10 +4,13 @@
 mod workbench;
 
 use clap::{Parser, Subcommand};
+use coxswain::goal::{self, DriveOptions, FollowOptions, GoOptions, GoalError, GoalOptions};
+use coxswain::joined::JoinError;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::router::RouterOptions;
 use coxswain::set::{SetError, SetOptions};
+use coxswain::status::{self, StatusOptions};
 use gate::Order;
 use graph::options::Options;
 use runs::registry;
@@ -56,6 +59,33 @@ enum Command {
     /// Exit code 0 if the gate is armed, 2 if the plant rejects the order, 1 if there is no run to
     /// order. The plant rejects the order if it has not stopped.
     Resume(OrderOptions),
+    /// Stop the robot, on its own machine: it brakes along the ramp of its robot file, and stands
+    /// until `coxswain resume`. The gate does it, also when the controller is dead.
+    ///
+    /// This is no emergency stop: that belongs between battery and wheels.
+    ///
+    /// Exit code 0 if the gate has stopped, 1 if there is no run to stop or the plant does not reply,
+    /// 2 in lock step, which takes no orders.
+    Stop(OrderOptions),
+    /// Drive to a pose, by the shorter turn, and stand there.
+    ///
+    /// The motion begins from the present one without a jump; a later goal takes its place in the
+    /// same way. While the gate is shut, the goal waits. Ctrl-C ends this command, not the goal.
+    ///
+    /// Exit code 0 if the robot stands there (with --no-wait: if the goal was accepted), 2 if the
+    /// controller rejects it, 1 if the goal ended before, or there is no run.
+    Go(GoOptions),
+    /// Come to a standstill within the limits, and hold the place. Exit codes as for `go`.
+    Hold(GoalOptions),
+    /// Drive along a path from a CSV file, as fast as speeds and accelerations allow. Exit codes as
+    /// for `go`.
+    Follow(FollowOptions),
+    /// Drive with a body velocity for a time, then stand still. Exit codes as for `go`.
+    Drive(DriveOptions),
+    /// Print what the robot does now: gate, pose, controller and goal.
+    ///
+    /// Exit code 0, or 1 if there is no run to ask.
+    Status(StatusOptions),
     /// Arm the gate of a plant that started disarmed (`armed = false` in the graph file), on its
     /// own machine.
     ///
@@ -82,6 +112,12 @@ fn main() -> ExitCode {
         Command::Router(options) => router(&options),
         Command::Set(options) => set(coxswain::set::run(&options, &registry::base())),
         Command::Resume(options) => set(order::run(Order::Resume, &options, &registry::base())),
+        Command::Go(options) => gone(goal::go(&options, &registry::base())),
+        Command::Hold(options) => gone(goal::hold(&options, &registry::base())),
+        Command::Follow(options) => gone(goal::follow(&options, &registry::base())),
+        Command::Drive(options) => gone(goal::drive(&options, &registry::base())),
+        Command::Status(options) => asked(status::run(&options, &registry::base())),
+        Command::Stop(options) => set(order::run(Order::Stop, &options, &registry::base())),
         Command::Arm(options) => set(order::run(Order::Arm, &options, &registry::base())),
         Command::Report(options) => made(records::report(&options)),
         Command::Export(options) => made(records::export(&options)),
@@ -104,6 +140,26 @@ fn router(options: &RouterOptions) -> ExitCode {
 }
 
 fn set(outcome: Result<(), SetError>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn gone(outcome: Result<(), GoalError>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn asked(outcome: Result<(), JoinError>) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -1,4 +1,4 @@
-//! `coxswain arm` and `coxswain resume`: an operator's order to the plant of a run.
+//! `coxswain arm`, `coxswain resume` and `coxswain stop`: an operator's order to the plant of a run.
 //!
 //! The order takes the same way as a change of settings ([`crate::set`]): a file in the run
 //! directory, to which the plant replies beside it.
@@ -7,7 +7,7 @@ use crate::set::{SetError, set};
 use clap::Args;
 use gate::Order;
 use process::requests::Outcome;
-use protocol::message::Participant;
+use protocol::message::{GateState, Participant};
 use std::path::{Path, PathBuf};
 
 /// The run.
@@ -26,8 +26,9 @@ pub struct OrderOptions {
 pub fn run(order: Order, options: &OrderOptions, base: &Path) -> Result<(), SetError> {
     let settled = set(options.run.as_deref(), base, Participant::Plant, order.name())?;
     if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome {
+        let state = if order == Order::Stop { GateState::Stopped } else { GateState::Armed };
         terminal::print(format_args!(
-            "{}: the gate is armed from tick {acts_from_tick} on",
+            "{}: the gate is {state} from tick {acts_from_tick} on",
             order.name()
         ));
     }

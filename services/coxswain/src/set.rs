@@ -186,7 +186,7 @@ fn line(argument: &str) -> Result<String, SetError> {
 }
 
 /// The selected launch, and its run directory.
-fn launch(run: Option<&Path>, base: &Path) -> Result<(GraphEntry, PathBuf), SetError> {
+pub(crate) fn launch(run: Option<&Path>, base: &Path) -> Result<(GraphEntry, PathBuf), SetError> {
     let mut running: Vec<(GraphEntry, PathBuf)> = registry::living(base)
         .into_iter()
         .filter_map(|entry| entry.run_folder().map(|folder| (entry, folder)))

@@ -105,6 +105,11 @@ impl<B: Base> GatedBase<B> {
         self.gate.order(order)
     }
 
+    /// Stops the robot until an operator resumes it.
+    pub fn stop(&mut self, reason: Reason) {
+        self.gate.stop(reason);
+    }
+
     /// State of the gate, and why it has stopped.
     pub fn machine(&self) -> &Machine {
         self.gate.machine()

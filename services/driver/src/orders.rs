@@ -1,14 +1,14 @@
-//! Operator → gate: `coxswain arm` and `coxswain resume`, as files in the run directory.
+//! Operator → gate: `coxswain arm`, `resume` and `stop`, as files in the run directory.
 //!
 //! ```text
 //! RUN/set/plant-000001.json ──▶ thread of orders ── order ──▶ control thread: Gate::order
 //!                               answer ◀─────────── tick ◀──┘
 //! ```
-//! The thread reads and writes the files. The control thread reads one number per period, and
+//! The thread reads and writes the files. The control thread reads one number whenever it wakes, and
 //! replies with another.
 
 use gate::{Order, OrderError};
-use process::requests::{Inbox, NotAsked, Outcome, Request};
+use process::requests::{Inbox, NotAsked, Outcome, Request, Settled};
 use process::step_back;
 use protocol::message::{GateState, Participant};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 /// Interval at which the thread checks for an order or a reply.
-const LOOK: Duration = Duration::from_millis(10);
+const LOOK: Duration = Duration::from_millis(2);
 
 /// Outcomes in the low byte of a reply, the tick above it. 0 means no reply.
 const FOLLOWED: u64 = 1;
@@ -29,7 +29,7 @@ const WRONG_STATE: u64 = 16;
 enum Refusal {
     #[error(transparent)]
     NotAsked(#[from] NotAsked),
-    #[error("{said:?}: expected arm or resume")]
+    #[error("{said:?}: expected arm, resume or stop")]
     NoOrder { said: String },
     #[error(transparent)]
     Order(#[from] OrderError),
@@ -44,6 +44,14 @@ struct Slot {
     order: AtomicU32,
     answer: AtomicU64,
     done: AtomicBool,
+}
+
+/// Whether the last order of this run that was followed is a stop. A restarted plant stays stopped.
+pub(crate) fn ended_with_stop(run: &process::Run) -> bool {
+    let settled = (1..).map_while(|number| Settled::read(&run.folder, Participant::Plant, number));
+    let followed =
+        settled.filter(|settled| matches!(settled.answer.outcome, Outcome::Applied { .. }));
+    followed.last().is_some_and(|last| last.request.change.trim() == Order::Stop.name())
 }
 
 /// The orders of one run.
@@ -138,7 +146,8 @@ fn follow(request: &Request, slot: &Slot) -> Result<u64, Refusal> {
                     .ok()
                     .and_then(|code| GateState::try_from(code).ok())
                     .unwrap_or(GateState::Stopped);
-                return Err(OrderError::WrongState { found, expected: order.leaves() }.into());
+                let expected = order.leaves().unwrap_or(found);
+                return Err(OrderError::WrongState { found, expected }.into());
             }
         }
     }
@@ -199,6 +208,27 @@ mod tests {
     }
 
     #[test]
+    fn a_restarted_plant_knows_whether_the_last_order_was_a_stop() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        welcome(folder.path())?;
+        let run = run(folder.path(), false);
+        assert!(!ended_with_stop(&run));
+        let orders = Orders::open(&run, 1);
+        for (said, stopped) in [("stop", true), ("dance", true), ("resume", false)] {
+            let request = Request { who: "ada".into(), asked_unix_nanos: 0, change: said.into() };
+            let asked = ask(folder.path(), Participant::Plant, &request)?;
+            while asked.answer().is_none() {
+                if orders.take().is_some() {
+                    orders.answer(7, Ok(()));
+                }
+                thread::sleep(Duration::from_millis(1));
+            }
+            assert_eq!(ended_with_stop(&run), stopped, "after {said}");
+        }
+        Ok(())
+    }
+
+    #[test]
     fn an_invalid_order_is_rejected_with_its_name() -> Result<(), Box<dyn Error>> {
         let wrong =
             OrderError::WrongState { found: GateState::Driving, expected: GateState::Stopped };
@@ -207,7 +237,7 @@ mod tests {
         let text = refusal(settled("resume", false, Err(OrderError::EmergencyStop))?);
         assert!(text.starts_with("the emergency stop of the robot is pressed"), "{text}");
         let text = refusal(settled("dance", false, Ok(()))?);
-        assert_eq!(text, "\"dance\": expected arm or resume");
+        assert_eq!(text, "\"dance\": expected arm, resume or stop");
         let text = refusal(settled("resume", true, Ok(()))?);
         assert!(text.starts_with("in lock step"), "{text}");
         Ok(())

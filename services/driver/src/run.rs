@@ -5,7 +5,7 @@
 //! and logged.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
-use crate::orders::Orders;
+use crate::orders::{Orders, ended_with_stop};
 use crate::{Base, BaseError, Settings};
 use process::{Pace, Pulse, Repeated, Stop, step_back};
 use protocol::clock::monotonic_nanos;
@@ -126,9 +126,13 @@ impl<'a, B: Base> Plant<'a, B> {
             ports.source(if settings.run.restarted { Since::Joining } else { Since::First })?;
         // The first wait opens the listener, so that no message sent after "ready" is missed.
         let _ = commands.wait(Duration::ZERO);
+        let mut robot = GatedBase::new(base, settings, identity.epoch);
+        if settings.run.restarted && ended_with_stop(settings.run) {
+            robot.stop(Reason::OperatorStop);
+        }
         Ok(Self {
             settings,
-            robot: GatedBase::new(base, settings, identity.epoch),
+            robot,
             states: ports.sink()?,
             truths: ports.sink()?,
             commands,
@@ -159,6 +163,7 @@ impl<'a, B: Base> Plant<'a, B> {
                 let nap = nap(end - now);
                 self.commands.wait(Duration::from_nanos(nap))?;
                 let now = self.look(&mut clock, nap, tick).min(end);
+                self.take_order(tick);
                 self.take_commands(now)?;
                 self.robot.advance(now)?;
             }
@@ -217,15 +222,20 @@ impl<'a, B: Base> Plant<'a, B> {
     }
 
     fn publish(&mut self, tick: u64, now: u64) -> Result<(), RunError> {
-        if let Some(order) = self.orders.take() {
-            self.orders.answer(tick, self.robot.order(order));
-        }
+        self.take_order(tick);
         let (mut state, truth) = self.robot.begin_period(tick, now)?;
         self.states.send(&mut state)?;
         if let Some(mut truth) = truth {
             self.truths.send(&mut truth)?;
         }
         Ok(())
+    }
+
+    /// Follows an operator's order, if there is one, in the period of `tick`.
+    fn take_order(&mut self, tick: u64) {
+        if let Some(order) = self.orders.take() {
+            self.orders.answer(tick, self.robot.order(order));
+        }
     }
 
     /// Lock step: whether the answer to `tick` has arrived, accepted or not.

@@ -226,8 +226,8 @@ impl Gate {
     /// [`OrderError`] if the order is invalid in the present state.
     pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
         self.machine.order(order)?;
-        if order == Order::Resume && self.stored.is_some() {
-            (self.braking, self.good_periods) = (true, 0);
+        if order == Order::Resume {
+            (self.braking, self.good_periods) = (self.stored.is_some(), 0);
         }
         Ok(())
     }

@@ -3,11 +3,12 @@
 //! ```text
 //!  disarmed ── arm ──▶ armed ── an accepted command acts ──▶ driving
 //!                       ▲  │                                    │
-//!                  resume  └───────── stop(reason) ─────────────┤
+//!                  resume  └──── stop(reason), stop order ──────┤
 //!                       │                                       ▼
 //!                       └──────────────────────────────────── stopped
 //! ```
 //! A stop is latched: only an operator's order leaves it, neither a command nor another controller.
+//! A stop order stops in every state: a disarmed gate has to be resumed then, and is armed by that.
 
 use protocol::message::{GateState, Reason};
 
@@ -18,25 +19,29 @@ pub enum Order {
     Arm,
     /// Stopped → armed.
     Resume,
+    /// Any state → stopped.
+    Stop,
 }
 
 impl Order {
     /// All orders.
-    pub const ALL: [Self; 2] = [Self::Arm, Self::Resume];
+    pub const ALL: [Self; 3] = [Self::Arm, Self::Resume, Self::Stop];
 
     /// Its name on the command line and in its file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Arm => "arm",
             Self::Resume => "resume",
+            Self::Stop => "stop",
         }
     }
 
-    /// State in which it is valid.
-    pub const fn leaves(self) -> GateState {
+    /// The only state in which it is valid; `None` if it is valid in all.
+    pub const fn leaves(self) -> Option<GateState> {
         match self {
-            Self::Arm => GateState::Disarmed,
-            Self::Resume => GateState::Stopped,
+            Self::Arm => Some(GateState::Disarmed),
+            Self::Resume => Some(GateState::Stopped),
+            Self::Stop => None,
         }
     }
 }
@@ -119,7 +124,10 @@ impl Machine {
     /// # Errors
     /// [`OrderError`] if the order is invalid in the present state; the state stays.
     pub fn order(&mut self, order: Order) -> Result<(), OrderError> {
-        let expected = order.leaves();
+        let Some(expected) = order.leaves() else {
+            self.stop(Reason::OperatorStop);
+            return Ok(());
+        };
         if self.state != expected {
             return Err(OrderError::WrongState { found: self.state, expected });
         }
@@ -165,6 +173,23 @@ mod tests {
         assert_eq!(machine.order(Order::Arm), Ok(()));
         machine.drive();
         assert_eq!(machine.state(), GateState::Driving);
+    }
+
+    #[test]
+    fn a_stop_order_stops_in_every_state_and_keeps_the_reason_of_an_earlier_stop() {
+        let mut driving = Machine::armed();
+        driving.drive();
+        for mut machine in [Machine::disarmed(), Machine::armed(), driving] {
+            assert_eq!(machine.order(Order::Stop), Ok(()));
+            assert_eq!(
+                (machine.state(), machine.stop_reason()),
+                (GateState::Stopped, Reason::OperatorStop)
+            );
+        }
+        let mut machine = Machine::armed();
+        machine.stop(Reason::HeadingError);
+        assert_eq!(machine.order(Order::Stop), Ok(()));
+        assert_eq!(machine.stop_reason(), Reason::HeadingError);
     }
 
     #[test]

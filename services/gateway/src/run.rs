@@ -9,7 +9,7 @@ use network::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use process::requests::Answers;
 use process::{Pulse, Stop};
 use protocol::message::{
-    ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
+    Goal, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
 use protocol::topic::Topic;
 use std::thread;
@@ -148,6 +148,7 @@ struct Relay {
     residuals: TopicRelay<ResidualSample>,
     snapshots: TopicRelay<ModelSnapshot>,
     truths: TopicRelay<Truth>,
+    goals: TopicRelay<Goal>,
 }
 
 impl Relay {
@@ -159,6 +160,7 @@ impl Relay {
             residuals: TopicRelay::open(ports, rates.residual)?,
             snapshots: TopicRelay::open(ports, rates.snapshot)?,
             truths: TopicRelay::open(ports, rates.truth)?,
+            goals: TopicRelay::open(ports, rates.goal)?,
         })
     }
 
@@ -179,12 +181,16 @@ impl Relay {
         self.residuals.pass(now, publisher)?;
         let snapshot = self.snapshots.pass(now, publisher)?;
         self.truths.pass(now, publisher)?;
+        let goal = self.goals.pass(now, publisher)?;
         if let Some(page) = page {
             if let Some(state) = &state {
                 page.hear_state(state);
             }
             if let Some(plan) = &plan {
                 page.hear_plan(plan);
+            }
+            if let Some(goal) = &goal {
+                page.hear_goal(goal);
             }
             if let Some(snapshot) = &snapshot {
                 page.hear_snapshot(snapshot);
@@ -202,6 +208,7 @@ impl Relay {
             (Topic::Residual, self.residuals.tally()),
             (Topic::Snapshot, self.snapshots.tally()),
             (Topic::Truth, self.truths.tally()),
+            (Topic::Goal, self.goals.tally()),
         ] {
             pulse.count_source(topic, Tally { lost: 0, ..tally });
         }

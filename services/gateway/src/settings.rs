@@ -126,11 +126,21 @@ pub struct Rates {
     pub snapshot: f64,
     /// True state, in a simulation.
     pub truth: f64,
+    /// The present goal.
+    pub goal: f64,
 }
 
 impl Default for Rates {
     fn default() -> Self {
-        Self { state: 50.0, plan: 50.0, health: 10.0, residual: 10.0, snapshot: 1.0, truth: 10.0 }
+        Self {
+            state: 50.0,
+            plan: 50.0,
+            health: 10.0,
+            residual: 10.0,
+            snapshot: 1.0,
+            truth: 10.0,
+            goal: 10.0,
+        }
     }
 }
 
@@ -152,8 +162,8 @@ impl Rates {
 
     /// Time between two messages of the topic with the highest rate; at most one second.
     pub(crate) fn shortest_interval(&self) -> Duration {
-        let rates = [self.state, self.plan, self.health, self.residual, self.snapshot, self.truth];
-        rates
+        let Self { state, plan, health, residual, snapshot, truth, goal } = *self;
+        [state, plan, health, residual, snapshot, truth, goal]
             .into_iter()
             .filter_map(Self::interval)
             .min()
@@ -163,7 +173,7 @@ impl Rates {
 
 impl Check for Rates {
     fn check(&self) -> Result<(), Impossible> {
-        let Self { state, plan, health, residual, snapshot, truth } = *self;
+        let Self { state, plan, health, residual, snapshot, truth, goal } = *self;
         let rates = [
             ("state", state),
             ("plan", plan),
@@ -171,6 +181,7 @@ impl Check for Rates {
             ("residual", residual),
             ("snapshot", snapshot),
             ("truth", truth),
+            ("goal", goal),
         ];
         let impossible = rates.into_iter().find(|(_, rate)| !(0.0..=RATE_MAX).contains(rate));
         impossible

@@ -151,6 +151,7 @@ fn shut_text(state: GateState, stop: Reason) -> &'static str {
         (_, Reason::EmergencyStop) => {
             "stopped: emergency stop pressed; release it, then run `coxswain resume`"
         }
+        (_, Reason::OperatorStop) => "stopped by an operator; run `coxswain resume`",
         _ => "stopped; run `coxswain resume`",
     }
 }

@@ -21,13 +21,16 @@ use std::{fs, io};
 
 pub use answers::Answers;
 pub use ask::{AskError, Asked, ask};
-pub use inbox::{Inbox, NotAsked, changed_before};
+pub use inbox::{Inbox, NotAsked, changed_before, earlier_goal};
 
 /// Directory of the requests in a run directory.
 const FOLDER: &str = "set";
 
 /// Longest request that is read \[bytes\].
-const REQUEST_BYTES_MAX: u64 = 1 << 16;
+const REQUEST_BYTES_MAX: u64 = 1 << 21;
+
+/// First line of a request that is a goal for the controller, not a change of settings.
+pub const GOAL_MARK: &str = "# goal";
 
 /// Longest part of a request that is printed \[characters\].
 const TOLD_MAX: usize = 200;
@@ -40,7 +43,8 @@ pub struct Request {
     pub who: String,
     /// Time of the request since 1970 \[ns\].
     pub asked_unix_nanos: u64,
-    /// Keys with their new values, as lines of TOML; for the plant an order, `arm` or `resume`.
+    /// Keys with their new values, as lines of TOML; for the plant an order, `arm`, `resume` or
+    /// `stop`; behind a line [`GOAL_MARK`] a goal.
     pub change: String,
 }
 
@@ -129,6 +133,9 @@ impl Display for Settled {
             {
                 write!(f, "{who} ordered {change} at tick {acts_from_tick}")
             }
+            Outcome::Applied { acts_from_tick, .. } if self.request.is_goal() => {
+                write!(f, "{who} gave goal {} from tick {acts_from_tick} on", self.number)
+            }
             Outcome::Applied { acts_from_tick, .. } => {
                 write!(f, "{who} set {change} from tick {acts_from_tick} on")
             }
@@ -138,6 +145,11 @@ impl Display for Settled {
 }
 
 impl Request {
+    /// Whether it is a goal.
+    pub fn is_goal(&self) -> bool {
+        self.change.starts_with(GOAL_MARK)
+    }
+
     /// Reads a request, and the owner of its file.
     fn read(file: &Path) -> io::Result<(Self, u32)> {
         use std::os::unix::fs::MetadataExt;

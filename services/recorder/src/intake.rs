@@ -7,7 +7,8 @@ use crate::store::Store;
 use crate::visual::Easel;
 use process::Pulse;
 use protocol::message::{
-    Command, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
+    Command, Goal, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample,
+    Truth,
 };
 use protocol::topic::{OnTopic, Topic};
 use transport::{OpenError, Ports, Since, Source};
@@ -22,6 +23,7 @@ pub(crate) struct Intake {
     residuals: Source<ResidualSample>,
     snapshots: Source<ModelSnapshot>,
     healths: Source<Health>,
+    goals: Source<Goal>,
     easel: Easel,
 }
 
@@ -39,6 +41,7 @@ impl Intake {
             residuals: ports.source(since)?,
             snapshots: ports.source(since)?,
             healths: ports.source(since)?,
+            goals: ports.source(since)?,
             easel: Easel::new(period_nanos),
         })
     }
@@ -73,6 +76,7 @@ impl Intake {
         })?;
         written += drain(&mut self.residuals, store, |_, _| Ok(()))?;
         written += drain(&mut self.snapshots, store, |_, _| Ok(()))?;
+        written += drain(&mut self.goals, store, |_, _| Ok(()))?;
         Ok(written)
     }
 
@@ -85,6 +89,7 @@ impl Intake {
         pulse.count_source(Topic::Residual, self.residuals.tally());
         pulse.count_source(Topic::Snapshot, self.snapshots.tally());
         pulse.count_source(Topic::Health, self.healths.tally());
+        pulse.count_source(Topic::Goal, self.goals.tally());
     }
 }
 

@@ -12,7 +12,9 @@ use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use process::requests::Settled;
 use process::{Pace, Run};
 use protocol::clock;
-use protocol::message::{Command, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth};
+use protocol::message::{
+    Command, Goal, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
+};
 use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
 use protocol::view::{self, View};
 use serde::Serialize;
@@ -124,6 +126,7 @@ impl Segment {
         add_channel::<Plan>(&mut writer, &mut channels)?;
         add_channel::<Health>(&mut writer, &mut channels)?;
         add_channel::<Truth>(&mut writer, &mut channels)?;
+        add_channel::<Goal>(&mut writer, &mut channels)?;
         let mut drawings = [(0, 0); Shown::ALL.len()];
         for (shown, (channel, _)) in Shown::ALL.into_iter().zip(&mut drawings) {
             let schema = writer.add_schema(

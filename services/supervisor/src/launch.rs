@@ -402,6 +402,7 @@ fn look_after(
             person.terminal.say(format_args!("controller: {complaint}"));
         }
         reported = view.complaints().len();
+        watch.goals().iter().for_each(|goal| person.terminal.say(goal));
         for event in fleet.tend(&view, now)? {
             match event {
                 Event::Finished => return Ok(Outcome::Finished),

@@ -4,7 +4,7 @@
 //! step the link of the plans loses nothing.
 
 use process::Stop;
-use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan};
+use protocol::message::{FallbackLevel, Goal, GoalPhase, Health, Participant, Phase, Plan};
 use std::collections::BTreeMap;
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -25,6 +25,10 @@ pub struct View {
     plan: Option<PlanView>,
     /// Errors that the controller has reported, each once until its Health had no error.
     complaints: Vec<String>,
+    /// Last goal, with its phase.
+    goal: Option<(u64, GoalPhase)>,
+    /// Changes of the goals that are not told yet.
+    goals: Vec<String>,
     /// Whether its last Health had no error: an earlier error is then reported again.
     well: bool,
 }
@@ -73,6 +77,14 @@ impl View {
     /// Errors that the controller has reported, each once, in the order of their reports.
     pub fn complaints(&self) -> &[String] {
         &self.complaints
+    }
+
+    /// Records a Goal. Each change of its phase is told.
+    pub fn take_in_goal(&mut self, goal: &Goal) {
+        let now = (goal.id, goal.phase());
+        if self.goal.replace(now) != Some(now) && self.goals.len() < COMPLAINTS_MAX {
+            self.goals.push(format!("goal {} ({}): {}", goal.id, goal.kind(), goal.phase()));
+        }
     }
 
     /// Records a Health.
@@ -133,6 +145,11 @@ impl Watch {
     pub fn view(&self) -> View {
         lock(&self.view).clone()
     }
+
+    /// Changes of the goals since the last call, as text.
+    pub fn goals(&self) -> Vec<String> {
+        std::mem::take(&mut lock(&self.view).goals)
+    }
 }
 
 impl Drop for Watch {
@@ -149,6 +166,7 @@ impl Drop for Watch {
 struct Ears {
     health: Source<Health>,
     plans: Source<Plan>,
+    goals: Source<Goal>,
     /// The launcher creates the links, so that no process that may be killed is their creator.
     _links: HeldLinks,
 }
@@ -160,6 +178,7 @@ impl Ears {
             _links: ports.hold_links()?,
             health: ports.source(Since::First)?,
             plans: ports.source(Since::First)?,
+            goals: ports.source(Since::First)?,
         })
     }
 
@@ -185,6 +204,9 @@ impl Ears {
         }
         while let Some(health) = self.health.next()? {
             lock(view).take_in(&health);
+        }
+        while let Some(goal) = self.goals.next()? {
+            lock(view).take_in_goal(&goal);
         }
         Ok(())
     }

@@ -243,6 +243,7 @@ impl Lines {
                 self.exposures.extend(health.participant().map(|who| (who, health.exposure())));
                 None
             }
+            Heard::Goal(_) => None,
         }
     }
 }

@@ -19,9 +19,12 @@ import zenoh
 
 from .base import Base
 from .connection import Connection, configuration
-from .gate import BAD_STATE, DISARMED, STOPPED, STOPPING, ZERO, Gate, Limits
+from .gate import BAD_STATE, DISARMED, OPERATOR_STOP, STOPPED, STOPPING, ZERO, Gate, Limits
 from .messages import Command, Credit, Health, PlantState, Stamp
 from .wire import Refused, Wire
+
+TOPICS = 9
+"""Number of topics: entries of each counter in Health."""
 
 EachPeriod = Callable[[float, Gate], None]
 
@@ -190,7 +193,7 @@ class Driver:
         if now < self.next_health and not at_once:
             return
         self.next_health = now + 0.1
-        stamp, none = self._stamp("health"), (0,) * 8
+        stamp, none = self._stamp("health"), (0,) * TOPICS
         sent, received = (self.sent["state"], *none[1:]), (0, self.received, *none[2:])
         counts = (sent, received, none, (0, self.gate.refused, *none[2:]), none)
         pid = os.getpid()
@@ -336,6 +339,7 @@ def main(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     driver = Driver(make_base(options), options, limits, connection, each_period)
     signal.signal(signal.SIGUSR1, lambda *_: driver.obey())
+    signal.signal(signal.SIGUSR2, lambda *_: driver.gate.stop(OPERATOR_STOP))
     try:
         driver.run()
         driver.finish()

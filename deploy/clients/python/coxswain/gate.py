@@ -20,6 +20,7 @@ NOT_FINITE, OUT_OF_BOUNDS, RATE_TOO_HIGH, OLD_PLANT_EPOCH = range(4, 8)
 OLD_CONTROLLER_EPOCH, SECOND_WRITER, TOO_OLD, NOT_NEWER = range(8, 12)
 FROM_THE_FUTURE, SOLVER_FAILED, BAD_STATE, STOPPING, RECOVERING = range(12, 17)
 POSITION_ERROR, HEADING_ERROR, EMERGENCY_STOP, IS_DISARMED, NO_PLAN = range(17, 22)
+OPERATOR_STOP = 22
 DISARMED, ARMED, DRIVING, STOPPED = range(4)  # states of the gate
 # Reason for each fallback level of a controller.
 OWN_REASONS = {
@@ -136,7 +137,10 @@ class Gate:
             self.stop(EMERGENCY_STOP)
 
     def order(self, order: str) -> bool:
-        """Duty 10: applies "arm" or "resume" of an operator. False if it has no effect."""
+        """Duty 10: follows "arm", "resume" or "stop" of an operator. False if it is invalid."""
+        if order == "stop":
+            self.stop(OPERATOR_STOP)
+            return True
         if self.state != {"arm": DISARMED, "resume": STOPPED}[order] or self.estop:
             return False
         if order == "resume":

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from .encoding import REAL, U32, U64, numbers, one_of, record, sequence, several, text, varint
 
-VERSION = 7
+VERSION = 8
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class PlantState:
     accepted_tick: Annotated[int, U64]
     refused: Annotated[int, U64]
     fallback_level: Annotated[int, varint(7)]
-    reason: Annotated[int, varint(22)]
+    reason: Annotated[int, varint(23)]
     wheels: Annotated[int, varint(9)]
     wheel_speed_valid: Annotated[int, varint(2)]
     current_valid: Annotated[int, varint(2)]
     estop: Annotated[int, varint(2)]
     gate: Annotated[int, varint(4)]
-    stop: Annotated[int, varint(22)]
+    stop: Annotated[int, varint(23)]
 
 
 @dataclass(frozen=True)
@@ -126,11 +126,11 @@ class Health:
     models_left: Annotated[int, U64]
     snapshots: Annotated[int, U64]
     snapshots_refused: Annotated[int, U64]
-    sent: Annotated[tuple[int, ...], several(U64, 8)]
-    received: Annotated[tuple[int, ...], several(U64, 8)]
-    lost: Annotated[tuple[int, ...], several(U64, 8)]
-    refused: Annotated[tuple[int, ...], several(U64, 8)]
-    dropped: Annotated[tuple[int, ...], several(U64, 8)]
+    sent: Annotated[tuple[int, ...], several(U64, 9)]
+    received: Annotated[tuple[int, ...], several(U64, 9)]
+    lost: Annotated[tuple[int, ...], several(U64, 9)]
+    refused: Annotated[tuple[int, ...], several(U64, 9)]
+    dropped: Annotated[tuple[int, ...], several(U64, 9)]
     last_error: Annotated[str, text(120)]
 
 
@@ -152,7 +152,7 @@ class Truth:
     takeovers: Annotated[int, U32]
     takeovers_back: Annotated[int, U32]
     fallback_level: Annotated[int, varint(7)]
-    reason: Annotated[int, varint(22)]
+    reason: Annotated[int, varint(23)]
     wheels: Annotated[int, varint(9)]
 
 
@@ -166,4 +166,21 @@ class Credit:
     participant: Annotated[int, varint(6)]
 
 
-ALL = (PlantState, Command, ResidualSample, Plan, Health, Truth, Credit)
+@dataclass(frozen=True)
+class Goal:
+    """The message on the topic goal."""
+
+    KIND: ClassVar[int] = 9
+    stamp: Annotated[Stamp, STAMP]
+    id: Annotated[int, U64]
+    plant_epoch: Annotated[int, U64]
+    begins_at_tick: Annotated[int, U64]
+    ends_at_tick: Annotated[int, U64]
+    target: Annotated[tuple[float, ...], numbers(3)]
+    left_m: Annotated[float, REAL]
+    left_s: Annotated[float, REAL]
+    kind: Annotated[int, varint(4)]
+    phase: Annotated[int, varint(4)]
+
+
+ALL = (PlantState, Command, ResidualSample, Plan, Health, Truth, Credit, Goal)

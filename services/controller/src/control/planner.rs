@@ -1,15 +1,19 @@
 //! Predict and optimise: the reference ahead, the targets, and the plan. Also the inputs of the
 //! controllers that need no plan.
 
+use super::reference_clock::ReferenceClock;
 use super::tuning::Tuned;
 use crate::explanations::Model;
 use crate::fallback;
+use crate::goal::Outlook;
 use crate::knowledge::Knowledge;
 use crate::mpc::{Mpc, Solved, Turn};
 use crate::reference::{Reference, ReferencePoint};
 use crate::settings::Method;
+use model::Pose;
 use model::{AXES, State, Velocity};
 use protocol::clock::monotonic_nanos;
+use protocol::message::GateState;
 
 /// Iterations per period of a controller with foresight. It is meant to be accurate, not fast.
 const FORESEEING_ITERATIONS: usize = 2;
@@ -27,6 +31,7 @@ pub(super) struct Planner {
     pub(super) mpc: Mpc,
     method: Method,
     reference: Reference,
+    clock: ReferenceClock,
     /// The reference at the prepared tick and at as many later ticks as delay and horizon can need.
     points: Vec<ReferencePoint>,
     /// Time budget of an answer; `None` in lock step \[ns\].
@@ -42,6 +47,7 @@ impl Planner {
             mpc,
             method,
             reference: reference.unwrap_or_default(),
+            clock: ReferenceClock::default(),
             points,
             budget_nanos,
             prepared: None,
@@ -72,6 +78,7 @@ impl Planner {
     pub(super) fn reset(&mut self) {
         self.mpc.reset();
         self.prepared = None;
+        self.clock = ReferenceClock::default();
     }
 
     /// Drops the last plan.
@@ -122,7 +129,7 @@ impl Planner {
     /// The reference at `tick` and later.
     fn look_ahead(&mut self, tick: u64) {
         for (slot, offset) in self.points.iter_mut().zip(0..) {
-            *slot = self.reference.at(tick + offset);
+            *slot = self.clock.point(&self.reference, tick + offset);
         }
     }
 
@@ -140,6 +147,46 @@ impl Planner {
         if let Some(reference) = &mut tuned.reference {
             std::mem::swap(&mut self.reference, reference);
         }
+        self.aim_again(knowledge);
+    }
+
+    /// Exchanges the reference for one whose ticks are those of the plant. The plan continues.
+    pub(super) fn follow(&mut self, reference: &mut Reference, knowledge: &mut Knowledge) {
+        std::mem::swap(&mut self.reference, reference);
+        self.clock = ReferenceClock::default();
+        self.aim_again(knowledge);
+    }
+
+    /// From now on the robot holds `pose`.
+    pub(super) fn hold(&mut self, pose: Pose) {
+        self.clock = ReferenceClock::Holds(pose);
+    }
+
+    /// The gate was in this state before `tick`. The reference waits while it is shut.
+    pub(super) fn look_at_gate(&mut self, gate: GateState, tick: u64, knowledge: &mut Knowledge) {
+        let before = self.clock;
+        self.clock.look(gate, tick);
+        if self.clock != before {
+            self.aim_again(knowledge);
+        }
+    }
+
+    /// Tick at whose time the reference is at `tick`.
+    pub(super) fn reference_tick(&self, tick: u64) -> u64 {
+        self.clock.reference_tick(tick)
+    }
+
+    /// Writes the reference ahead into `outlook`. False if there is none yet.
+    pub(super) fn write_ahead(&self, outlook: &mut Outlook) -> bool {
+        let Some(prepared) = self.prepared else { return false };
+        outlook.tick = prepared.tick;
+        outlook.points.clear();
+        let room = outlook.points.capacity();
+        outlook.points.extend(self.points.iter().take(room));
+        true
+    }
+
+    fn aim_again(&mut self, knowledge: &mut Knowledge) {
         if let Some(Prepared { tick, .. }) = self.prepared {
             self.look_ahead(tick);
             self.mpc.aim(planned(&self.points, knowledge), &knowledge.belief());

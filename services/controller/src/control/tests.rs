@@ -11,7 +11,7 @@ use model::gp::posterior::{Posterior, VarianceScratch};
 use model::learned::{INPUTS, Layout, Learned};
 use model::predict::Belief;
 use process::Run;
-use protocol::message::{HORIZON_MAX, TAIL_MAX};
+use protocol::message::{GateState, HORIZON_MAX, TAIL_MAX};
 use transport::Links;
 
 fn controller() -> Result<Controller, ControllerError> {
@@ -53,6 +53,7 @@ fn an_oracle_without_foresight_is_refused() {
 
 fn state(tick: u64) -> PlantState {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
+    state.gate = GateState::Driving.code();
     (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
         (1, tick, FallbackLevel::FreshPlan.code());
     // Every reading differs from the others.

@@ -86,6 +86,7 @@ fn write_events(handover: &Handover) {
             Event::Stop { tick, reason } => {
                 tracing::warn!(tick, %reason, "requests a stop of the gate");
             }
+            Event::Goal { tick, id, phase } => tracing::info!(tick, id, %phase, "goal"),
             Event::Complaint { tick, complaint } => tracing::warn!(tick, "{complaint}"),
             Event::OutOfTime { tick, nanos } => {
                 tracing::warn!(tick, micros = nanos / 1000, "the optimiser ran out of time");

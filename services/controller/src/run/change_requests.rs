@@ -1,15 +1,20 @@
-//! Change request of an operator ▶ parts for the control thread, and an answer.
+//! Requests of an operator ▶ parts for the control thread, and an answer: changes of the settings,
+//! and goals.
+
+mod goals;
 
 use crate::adopt::Handover;
 use crate::control::ControllerError;
 use crate::control::tuning::{RULES, Tuned};
+use crate::goal::GoalError;
 use crate::settings::Settings;
-use process::requests::{Inbox, NotAsked, Outcome, Request};
+use goals::{GoalUnderWay, Progress};
+use process::requests::{Inbox, NotAsked, Outcome, Request, earlier_goal};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError, changed};
 use std::sync::atomic::Ordering;
 
-/// A change is refused.
+/// A request is refused.
 #[derive(Debug, thiserror::Error)]
 enum Refusal {
     #[error(transparent)]
@@ -18,15 +23,20 @@ enum Refusal {
     Change(#[from] ChangeError),
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    #[error(transparent)]
+    Goal(#[from] GoalError),
+    #[error("the control thread did not take the goal in time, in {attempts} attempts")]
+    Late { attempts: u32 },
+    #[error("the robot has not driven for {waited_s:.0} s: expected a plant that sends states")]
+    NoState { waited_s: f64 },
     #[error("the run ended before the change could take effect")]
     Over,
 }
 
-/// A change that the control thread has not put in use yet.
-struct UnderWay {
-    settings: Settings,
-    taken_at_tick: u64,
-    ready_at_tick: u64,
+/// A request that the control thread has not put in use yet.
+enum UnderWay {
+    Change { settings: Box<Settings>, taken_at_tick: u64, ready_at_tick: u64 },
+    Goal(GoalUnderWay),
 }
 
 /// Processes requests, one at a time.
@@ -39,53 +49,67 @@ pub(super) struct ChangeRequests {
 
 impl ChangeRequests {
     pub(super) fn open(settings: &Settings) -> Self {
+        let earlier = settings.run.restarted.then(|| {
+            let (number, request) = earlier_goal(&settings.run, Participant::Controller)?;
+            GoalUnderWay::again(&request, number)
+        });
         Self {
             inbox: Inbox::open(&settings.run, Participant::Controller),
             settings: settings.clone(),
-            under_way: None,
+            under_way: earlier.flatten().map(UnderWay::Goal),
         }
     }
 
-    /// Whether a change waits for the control thread, before it can be answered.
+    /// Whether a request waits for the control thread, before it can be answered.
     pub(super) fn waits(&self) -> bool {
         self.under_way.is_some()
     }
 
-    /// Answers the change that was put in use, and takes the next request.
+    /// Answers the request that was put in use, and takes the next one.
     pub(super) fn poll(&mut self, handover: &Handover) {
         self.answer_exchanged(handover);
+        self.carry_on_goal(handover);
         if self.under_way.is_some() {
             return;
         }
         let Some(request) = self.inbox.take() else { return };
         let taken_at_tick = handover.tick.load(Ordering::Relaxed);
-        match self.build(request) {
-            Ok((settings, tuned)) => {
-                self.under_way = Some(UnderWay {
-                    settings,
-                    taken_at_tick,
-                    ready_at_tick: handover.tick.load(Ordering::Relaxed),
-                });
-                // The slot is free: nothing else is under way.
-                drop(handover.tuned.push(Box::new(tuned)));
-            }
+        match self.take(request, taken_at_tick, handover) {
+            Ok(under_way) => self.under_way = Some(under_way),
             Err(refusal) => self.refuse(&refusal),
         }
     }
 
-    /// Ends the service: the control thread puts no more changes in use.
+    /// Ends the service: the control thread puts no more requests in use.
     pub(super) fn close(&mut self, handover: &Handover) {
         self.answer_exchanged(handover);
-        if self.under_way.take().is_some() {
+        self.carry_on_goal(handover);
+        if self.under_way.take().is_some_and(|under_way| under_way.is_asked()) {
             self.refuse(&Refusal::Over);
         }
     }
 
-    fn build(&self, request: Result<Request, NotAsked>) -> Result<(Settings, Tuned), Refusal> {
-        let change = Change::parse(&request?.change)?;
+    fn take(
+        &self,
+        request: Result<Request, NotAsked>,
+        taken_at_tick: u64,
+        handover: &Handover,
+    ) -> Result<UnderWay, Refusal> {
+        let request = request?;
+        if request.is_goal() {
+            let goal = GoalUnderWay::new(&request, self.inbox.number(), taken_at_tick)?;
+            return Ok(UnderWay::Goal(goal));
+        }
+        let change = Change::parse(&request.change)?;
         let settings = changed(&self.settings, &[change], &RULES)?;
         let tuned = Tuned::new(&settings, Some(&self.settings))?;
-        Ok((settings, tuned))
+        // The slot is free: nothing else is under way.
+        drop(handover.tuned.push(Box::new(tuned)));
+        Ok(UnderWay::Change {
+            settings: Box::new(settings),
+            taken_at_tick,
+            ready_at_tick: handover.tick.load(Ordering::Relaxed),
+        })
     }
 
     fn refuse(&mut self, refusal: &Refusal) {
@@ -95,21 +119,51 @@ impl ChangeRequests {
     fn answer_exchanged(&mut self, handover: &Handover) {
         let Some(tuned) = handover.exchanged.pop() else { return };
         let (
-            Some(UnderWay { settings, taken_at_tick, ready_at_tick }),
+            Some(UnderWay::Change { settings, taken_at_tick, ready_at_tick }),
             Some((plant_epoch, acts_from_tick)),
         ) = (self.under_way.take(), tuned.since)
         else {
             return;
         };
-        self.settings = settings;
+        self.settings = *settings;
+        self.applied(plant_epoch, [taken_at_tick, ready_at_tick], acts_from_tick);
+    }
+
+    /// Takes the goal under way one step further.
+    fn carry_on_goal(&mut self, handover: &Handover) {
+        let Some(UnderWay::Goal(goal)) = &mut self.under_way else { return };
+        let progress = goal.carry_on(handover, &self.settings);
+        let (is_asked, taken_at_tick) = (goal.is_asked(), goal.taken_at_tick());
+        match progress {
+            Ok(Progress::Waits) => return,
+            Ok(Progress::Followed { plant_epoch, from }) if is_asked => {
+                self.applied(plant_epoch, [taken_at_tick, from], from);
+            }
+            Err(refusal) if is_asked => self.refuse(&refusal),
+            Ok(Progress::Followed { .. }) => tracing::info!("the earlier goal is restored"),
+            Err(refusal) => tracing::warn!("the earlier goal is lost: {refusal}"),
+        }
+        self.under_way = None;
+    }
+
+    fn applied(&mut self, plant_epoch: u64, ticks: [u64; 2], acts_from_tick: u64) {
         // A plant that has restarted meanwhile counts its ticks from zero.
-        let [taken_at_tick, ready_at_tick] =
-            [taken_at_tick, ready_at_tick].map(|tick| tick.min(acts_from_tick));
+        let [taken_at_tick, ready_at_tick] = ticks.map(|tick| tick.min(acts_from_tick));
         self.inbox.answer(Outcome::Applied {
             plant_epoch,
             taken_at_tick,
             ready_at_tick,
             acts_from_tick,
         });
+    }
+}
+
+impl UnderWay {
+    /// Whether an operator waits for an answer.
+    fn is_asked(&self) -> bool {
+        match self {
+            Self::Change { .. } => true,
+            Self::Goal(goal) => goal.is_asked(),
+        }
     }
 }

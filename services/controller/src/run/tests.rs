@@ -1,6 +1,7 @@
 use super::*;
 use crate::control::tests::told;
 use bytemuck::Zeroable;
+use protocol::message::GateState;
 use std::error::Error;
 use std::time::Instant;
 use transport::Exchange;
@@ -27,6 +28,7 @@ fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
         let controller = scope
             .spawn(|| run(&told(), |identity| Ok(Ports::in_memory(&exchange, identity)), &stop));
         let mut state = PlantState::zeroed();
+        state.gate = GateState::Driving.code();
         state.controller_epoch = u64::MAX;
         while !controller.is_finished() {
             state.stamp.tick += 1;
@@ -53,6 +55,7 @@ fn in_lock_step_a_repeated_state_gets_the_same_bytes_as_its_lost_answer()
         });
         let mut talk = || -> Result<(), Box<dyn Error>> {
             let mut state = PlantState::zeroed();
+            state.gate = GateState::Driving.code();
             states.send(&mut state)?;
             let answer = heard(&mut first)?;
             // A receiver that was not connected has lost it.

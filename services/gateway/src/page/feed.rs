@@ -9,7 +9,7 @@ use crate::comparison::{Comparison, Row, Standing};
 use crate::settings::{About, Settings};
 use process::requests::Settled;
 use protocol::message::{
-    FallbackLevel, Health, ModelSnapshot, Participant, Plan, PlantState, Reason,
+    FallbackLevel, Goal, Health, ModelSnapshot, Participant, Plan, PlantState, Reason,
 };
 use serde::Serialize;
 use std::sync::Arc;
@@ -30,6 +30,7 @@ pub(crate) struct Feed {
     states: History<StateRow>,
     plans: History<PlanRow>,
     model: Option<Model>,
+    goal: Option<Goal>,
     processes: [Option<Process>; Participant::ALL.len()],
     logbook: Logbook,
     comparison: Comparison,
@@ -43,6 +44,7 @@ struct Gathered {
     plans: Vec<PlanRow>,
     horizon: Option<Horizon>,
     model: bool,
+    goal: bool,
     entries_told: u64,
     processes_told: Option<Instant>,
 }
@@ -57,6 +59,18 @@ struct Model {
     learned: [f64; 3],
     /// The same of the main model alone.
     main: [f64; 3],
+}
+
+/// The present goal.
+#[derive(Debug, Serialize)]
+struct GoalRow {
+    id: u64,
+    kind: &'static str,
+    phase: &'static str,
+    target: [f64; 3],
+    progress: f64,
+    /// Way and time that are left \[m, s\].
+    left: [f64; 2],
 }
 
 /// State of one process.
@@ -110,6 +124,8 @@ struct Stands<'a> {
     horizon: Option<&'a Horizon>,
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<&'a Model>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    goal: Option<GoalRow>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessRow<'a>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -129,6 +145,7 @@ impl Feed {
             states: History::new(),
             plans: History::new(),
             model: None,
+            goal: None,
             processes: Default::default(),
             logbook: Logbook::default(),
             comparison: Comparison::new(without),
@@ -202,6 +219,16 @@ impl Feed {
         });
     }
 
+    /// Receives the present goal, or the end of one.
+    pub(crate) fn hear_goal(&mut self, goal: &Goal) {
+        let before = self.goal.replace(*goal).map(|before| (before.id, before.phase));
+        if before != Some((goal.id, goal.phase)) {
+            let text = format!("goal {} ({}): {}", goal.id, goal.kind(), goal.phase());
+            self.logbook.write(self.now_s(), Participant::Controller, Sort::Note, text);
+        }
+        self.news.goal = true;
+    }
+
     /// Receives the health of a process.
     pub(crate) fn hear_health(&mut self, health: &Health, now: Instant) {
         let seconds = self.now_s();
@@ -271,6 +298,7 @@ impl Feed {
         let nothing = news.states.is_empty()
             && news.plans.is_empty()
             && !news.model
+            && !news.goal
             && entries_told == news.entries_told;
         if nothing && !processes {
             return None;
@@ -278,6 +306,7 @@ impl Feed {
         let mut standing = self.stands(now, processes, news.entries_told);
         standing.horizon = news.horizon.as_ref();
         standing.model = standing.model.filter(|_| news.model);
+        standing.goal = standing.goal.filter(|_| news.goal);
         Some(said("news", &News { states: &news.states, plans: &news.plans, standing }))
     }
 
@@ -293,9 +322,23 @@ impl Feed {
             run: self.state.map(|state| format!("{:x}-{}", state.stamp.writer, state.stamp.epoch)),
             horizon: self.news.horizon.as_ref(),
             model: self.model.as_ref(),
+            goal: self.goal.as_ref().map(GoalRow::new),
             processes: if processes { everybody.collect() } else { Vec::new() },
             entries: self.logbook.since(entries_told),
             compared: self.comparison.standing(),
+        }
+    }
+}
+
+impl GoalRow {
+    fn new(goal: &Goal) -> Self {
+        Self {
+            id: goal.id,
+            kind: goal.kind().text(),
+            phase: goal.phase().text(),
+            target: goal.target.map(round),
+            progress: round(goal.progress()),
+            left: [goal.left_m, goal.left_s].map(round),
         }
     }
 }

@@ -144,6 +144,23 @@ function drawWithout(pen, eye) {
   pen.stroke();
 }
 
+// Draws the pose of the goal, and how far the robot is.
+function drawGoal(pen, eye) {
+  const { id, kind, phase, target, progress, left } = store.goal;
+  const [px, py] = eye.to(target);
+  const radius = Math.max(10, 0.25 * eye.scale);
+  pen.strokeStyle = phase === "active" ? colours.reference : colours.quiet;
+  pen.lineWidth = 3;
+  pen.beginPath();
+  pen.arc(px, py, radius, 0, 2 * Math.PI);
+  pen.moveTo(px, py);
+  pen.lineTo(px + 1.5 * radius * Math.cos(target[2]), py - 1.5 * radius * Math.sin(target[2]));
+  pen.stroke();
+  pen.fillStyle = colours.ink;
+  const rest = `${Math.round(100 * progress)} %, ${left[0].toFixed(2)} m, ${left[1].toFixed(1)} s left`;
+  pen.fillText(`goal ${id} (${kind}): ${phase === "active" ? rest : phase}`, 12, 22);
+}
+
 // Draws the map. Returns a text with the scale of the uncertainty.
 function drawMap(canvas, view, still) {
   const { pen, width, height } = sheet(canvas);
@@ -166,6 +183,7 @@ function drawMap(canvas, view, still) {
   }
   line(pen, reference.map(eye.to), colours.reference, 9);
   drawWithout(pen, eye);
+  if (store.goal) drawGoal(pen, eye);
   line(pen, [...store.path.map(eye.to), eye.to(pose)], colours.with, 2.5);
   let spread = "";
   if (horizon) {

@@ -23,12 +23,12 @@ const ENTRIES_MAX = 100;
 const store = {
   hello: null, run: null, arrived: 0,
   states: [], plans: [], path: [], without: [],
-  horizon: null, model: null, compared: null, processes: [], entries: [],
+  horizon: null, model: null, goal: null, compared: null, processes: [], entries: [],
 };
 
 // A new epoch of the plant: its time starts at zero.
 function startRun(run) {
-  Object.assign(store, { run, states: [], plans: [], path: [], horizon: null, compared: null });
+  Object.assign(store, { run, states: [], plans: [], path: [], horizon: null, goal: null, compared: null });
 }
 
 function append(rows, more) {
@@ -49,7 +49,7 @@ function take(message) {
   for (const row of fresh) store.path.push([row[S.x], row[S.y]]);
   if (store.path.length > PATH_MAX) store.path = store.path.filter((_, index) => index % 2 === 0);
   append(store.plans, message.plans);
-  for (const part of ["horizon", "model", "compared", "processes"]) {
+  for (const part of ["horizon", "model", "goal", "compared", "processes"]) {
     if (message[part]) store[part] = message[part];
   }
   for (const entry of message.entries || []) note(entry);

@@ -6,7 +6,9 @@ use crate::settings::{About, PageSettings, Rates, Settings};
 use bytemuck::Zeroable;
 use network::telemetry::TelemetrySettings;
 use process::Run;
-use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
+use protocol::message::{
+    FallbackLevel, Goal, GoalKind, GoalPhase, Health, Participant, Phase, Plan, PlantState,
+};
 use serde_json::Value;
 use std::error::Error;
 use std::io::{BufRead, BufReader, Write};
@@ -93,6 +95,32 @@ fn plan(tick: u64, plant_epoch: u64, error: f64) -> Box<Plan> {
 
 fn length(value: &Value) -> usize {
     value.as_array().map_or(0, Vec::len)
+}
+
+#[test]
+fn a_goal_is_shown_to_late_viewers_and_each_change_of_its_phase_is_an_entry() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
+    page.feed().hear_state(&state(0, 1, FallbackLevel::FreshPlan));
+    let mut goal = Goal { id: 3, target: [2.0, 1.0, 0.5], left_m: 1.5, ..Goal::zeroed() };
+    goal.kind = GoalKind::Pose.code();
+    page.feed().hear_goal(&goal);
+    page.feed().hear_goal(&goal);
+    let mut tab = Tab::open(&page)?;
+    page.turn(Instant::now());
+    let (_, hello) = tab.event()?;
+    let expected = serde_json::json!({
+        "id": 3, "kind": "pose", "phase": "active", "target": [2.0, 1.0, 0.5],
+        "progress": 1.0, "left": [1.5, 0.0],
+    });
+    assert_eq!((&hello["goal"], length(&hello["entries"])), (&expected, 1));
+    goal.phase = GoalPhase::Reached.code();
+    page.feed().hear_goal(&goal);
+    page.turn(Instant::now() + Duration::from_secs(1));
+    let (_, news) = tab.event()?;
+    assert_eq!(news["goal"]["phase"], "reached");
+    assert_eq!(length(&news["entries"]), 1);
+    Ok(())
 }
 
 #[test]

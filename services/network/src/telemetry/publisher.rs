@@ -3,7 +3,7 @@
 use super::session::listen;
 use super::{TelemetryError, TelemetrySettings, encoded};
 use crate::reason::first_line;
-use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
+use protocol::topic::{OnTopic, Topic};
 use protocol::view::View;
 use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
@@ -14,7 +14,7 @@ type Outlet = zenoh::pubsub::Publisher<'static>;
 /// Publishes what a robot does to every connected watcher. Receives no data.
 pub struct Publisher {
     /// Two for each topic: bytes, JSON.
-    outlets: [(Outlet, Outlet); TOPIC_COUNT],
+    outlets: Vec<(Outlet, Outlet)>,
     endpoints: Vec<String>,
     period: [u8; size_of::<u64>()],
     bytes: Vec<u8>,
@@ -42,9 +42,7 @@ impl Publisher {
                 outlet(key + "/json", Encoding::APPLICATION_JSON)?,
             ))
         };
-        let [state, command, residual, snapshot, plan, health, truth, credit] =
-            Topic::ALL.map(outlets);
-        let outlets = [state?, command?, residual?, snapshot?, plan?, health?, truth?, credit?];
+        let outlets = Topic::ALL.into_iter().map(outlets).collect::<Result<_, _>>()?;
         Ok(Self {
             outlets,
             endpoints,

@@ -6,7 +6,7 @@ use crate::reason::first_line;
 use crate::threads::Client;
 use access::Credentials;
 use protocol::frame::DecodeError;
-use protocol::message::{Health, Plan, PlantState};
+use protocol::message::{Goal, Health, Plan, PlantState};
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -26,6 +26,8 @@ pub enum Heard {
     Plan(Box<Plan>),
     /// The condition of one process.
     Health(Box<Health>),
+    /// The present goal.
+    Goal(Box<Goal>),
 }
 
 /// A received message, and its robot.
@@ -120,6 +122,7 @@ fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
         Some(Topic::State) => Heard::State(Box::new(decoded(&bytes)?)),
         Some(Topic::Plan) => Heard::Plan(Box::new(decoded(&bytes)?)),
         Some(Topic::Health) => Heard::Health(Box::new(decoded(&bytes)?)),
+        Some(Topic::Goal) => Heard::Goal(Box::new(decoded(&bytes)?)),
         _ => return Ok(None),
     };
     let period =

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Shortest interval between two checks.
-const LOOK: Duration = Duration::from_millis(10);
+const LOOK: Duration = Duration::from_millis(2);
 
 /// Why a request is rejected before its change is examined.
 #[derive(Debug, thiserror::Error)]
@@ -57,8 +57,13 @@ impl Inbox {
         self.open
     }
 
+    /// Number of the request that is taken now.
+    pub fn number(&self) -> u64 {
+        self.next
+    }
+
     /// The next request, if there is one. Without one, it only checks for one file name, at most
-    /// every 10 ms. [Answer](Self::answer) the request before the next call.
+    /// every 2 ms. [Answer](Self::answer) the request before the next call.
     pub fn take(&mut self) -> Option<Result<Request, NotAsked>> {
         let now = Instant::now();
         if !self.open || now < self.look_at {
@@ -99,6 +104,15 @@ fn write(file: &Path, answer: &Answer) -> io::Result<()> {
     atomic_file::write(file, &serde_json::to_vec(answer).map_err(io::Error::other)?)
 }
 
+/// The last goal that was applied earlier in this run, and its number: for a restarted process.
+pub fn earlier_goal(run: &Run, role: Participant) -> Option<(u64, Request)> {
+    let settled = (1..).map_while(|number| Settled::read(&run.folder, role, number));
+    let goals = settled.filter(|settled| {
+        settled.request.is_goal() && matches!(settled.answer.outcome, Outcome::Applied { .. })
+    });
+    goals.last().map(|settled| (settled.number, settled.request))
+}
+
 /// `settings` with all changes applied earlier in this run, and their number: for a restarted
 /// process.
 ///
@@ -116,6 +130,7 @@ where
     let settled = (1..).map_while(|number| Settled::read(&settings.run().folder, role, number));
     let applied =
         settled.filter(|settled| matches!(settled.answer.outcome, Outcome::Applied { .. }));
+    let applied = applied.filter(|settled| !settled.request.is_goal());
     let changes = applied
         .map(|settled| Change::parse(&settled.request.change))
         .collect::<Result<Vec<_>, _>>()?;

@@ -4,7 +4,9 @@
 use super::trail::Trail;
 use crate::presence::Presence;
 use network::telemetry::{Heard, Word};
-use protocol::message::{Exposure, FallbackLevel, Health, Participant, Plan, PlantState, Reason};
+use protocol::message::{
+    Exposure, FallbackLevel, Goal, Health, Participant, Plan, PlantState, Reason,
+};
 use protocol::topic::Topic;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -73,6 +75,8 @@ pub struct Picture {
     pub state: Option<Box<PlantState>>,
     /// Newest plan.
     pub plan: Option<Box<Plan>>,
+    /// The present goal, or the last one.
+    pub goal: Option<Goal>,
     /// Past positions \[m\].
     pub path: Trail<[f64; 2]>,
     /// Past reference positions \[m\].
@@ -100,6 +104,7 @@ impl Picture {
             period_nanos: 0,
             state: None,
             plan: None,
+            goal: None,
             path: Trail::default(),
             reference: Trail::default(),
             error: Trail::default(),
@@ -122,6 +127,7 @@ impl Picture {
             Heard::State(state) => self.hear_state(state, now),
             Heard::Plan(plan) => self.hear_plan(plan),
             Heard::Health(health) => self.hear_health(health, now),
+            Heard::Goal(goal) => self.hear_goal(*goal),
         }
     }
 
@@ -221,6 +227,13 @@ impl Picture {
             self.path.push(seconds, [x, y]);
         }
         self.state = Some(state);
+    }
+
+    fn hear_goal(&mut self, goal: Goal) {
+        let before = self.goal.replace(goal).map(|before| (before.id, before.phase));
+        if before != Some((goal.id, goal.phase)) {
+            self.note(format!("goal {} ({}): {}", goal.id, goal.kind(), goal.phase()));
+        }
     }
 
     fn hear_plan(&mut self, plan: Box<Plan>) {

@@ -1,7 +1,7 @@
 //! What acts on the wheels and why, with which model, and how long it took.
 
 use super::{Scene, block, duration_text, period_text};
-use protocol::message::{FallbackLevel, Participant, Plan, Reason};
+use protocol::message::{FallbackLevel, Goal, GoalPhase, Participant, Plan, Reason};
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
@@ -24,6 +24,9 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         let reason =
             if state.cause() == Reason::None { "nothing unusual" } else { state.cause().text() };
         lines.push(row("reason", Span::raw(reason)));
+    }
+    if let Some(goal) = &picture.goal {
+        lines.push(row("goal", Span::raw(goal_text(goal))));
     }
     if let Some(plan) = &picture.plan {
         lines.push(row("model", Span::raw(model(plan))));
@@ -49,6 +52,17 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
 
 fn row<'a>(name: &str, value: Span<'a>) -> Line<'a> {
     Line::from(vec![Span::raw(format!("{name:<7}")), value])
+}
+
+/// The goal, and how far the robot is.
+fn goal_text(goal: &Goal) -> String {
+    let (id, kind) = (goal.id, goal.kind());
+    match goal.phase() {
+        GoalPhase::Active => {
+            format!("{id} ({kind}): {:.0} %, {:.2} m left", 100.0 * goal.progress(), goal.left_m)
+        }
+        phase => format!("{id} ({kind}): {phase}"),
+    }
 }
 
 /// The model in use, and the axes on which it is used.

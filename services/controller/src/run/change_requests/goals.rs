@@ -1,0 +1,123 @@
+//! A goal on its way to the control thread: way ahead ▶ reference ▶ exchange.
+
+use super::Refusal;
+use crate::adopt::Handover;
+use crate::goal::{Course, Demand, GoalError, GoalRequest, Outlook};
+use crate::settings::Settings;
+use model::delay::DELAY_MAX;
+use process::requests::Request;
+use protocol::message::HORIZON_MAX;
+use std::time::{Duration, Instant};
+
+/// Attempts to hand the reference over before its begin has passed.
+const ATTEMPTS: u32 = 10;
+/// Longest wait for a state of the plant.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// A goal that the control thread does not follow yet.
+pub(super) struct GoalUnderWay {
+    request: GoalRequest,
+    id: u64,
+    /// Whether an operator waits for an answer. None waits for a goal of before a restart.
+    is_asked: bool,
+    taken_at_tick: u64,
+    stage: Stage,
+    attempts: u32,
+    since: Instant,
+}
+
+enum Stage {
+    /// The way ahead has not been requested yet.
+    New,
+    /// It has.
+    Outlook,
+    /// The control thread has the reference.
+    Exchange,
+}
+
+/// What has become of the goal.
+pub(super) enum Progress {
+    /// It still waits for the control thread.
+    Waits,
+    /// The control thread follows it.
+    Followed {
+        /// Epoch of the plant.
+        plant_epoch: u64,
+        /// First tick.
+        from: u64,
+    },
+}
+
+impl GoalUnderWay {
+    pub(super) fn new(request: &Request, id: u64, taken_at_tick: u64) -> Result<Self, GoalError> {
+        let request = GoalRequest::parse(&request.change)?;
+        Ok(Self::of(request, id, true, taken_at_tick))
+    }
+
+    /// A goal of before a restart. A robot on the way to a pose drives there again. One on a path,
+    /// or with a velocity, stands: what remains of it is not known.
+    pub(super) fn again(request: &Request, id: u64) -> Option<Self> {
+        let mut request = GoalRequest::parse(&request.change).ok()?;
+        if !matches!(request.goal, Demand::Pose { .. }) {
+            request.goal = Demand::Hold {};
+        }
+        Some(Self::of(request, id, false, 0))
+    }
+
+    fn of(request: GoalRequest, id: u64, is_asked: bool, taken_at_tick: u64) -> Self {
+        let (stage, since) = (Stage::New, Instant::now());
+        Self { request, id, is_asked, taken_at_tick, stage, attempts: 0, since }
+    }
+
+    pub(super) fn is_asked(&self) -> bool {
+        self.is_asked
+    }
+
+    pub(super) fn taken_at_tick(&self) -> u64 {
+        self.taken_at_tick
+    }
+
+    /// One step further.
+    pub(super) fn carry_on(
+        &mut self,
+        handover: &Handover,
+        settings: &Settings,
+    ) -> Result<Progress, Refusal> {
+        match self.stage {
+            Stage::New => {
+                let outlook = Outlook::with_room(DELAY_MAX + HORIZON_MAX + 1);
+                drop(handover.outlook_wanted.force_push(Box::new(outlook)));
+                self.stage = Stage::Outlook;
+            }
+            Stage::Outlook => match handover.outlook.pop() {
+                Some(outlook) => {
+                    let period_s = settings.run.period_nanos as f64 * 1e-9;
+                    let course =
+                        Course::new(&self.request, self.id, &outlook, &settings.robot, period_s)?;
+                    drop(handover.course.push(Box::new(course)));
+                    self.stage = Stage::Exchange;
+                }
+                // A goal of before a restart waits for the plant as long as it takes.
+                None if self.is_asked && self.since.elapsed() > PATIENCE => {
+                    drop(handover.outlook_wanted.pop());
+                    return Err(Refusal::NoState { waited_s: PATIENCE.as_secs_f64() });
+                }
+                None => {}
+            },
+            Stage::Exchange => {
+                let Some((course, from)) = handover.followed.pop() else {
+                    return Ok(Progress::Waits);
+                };
+                if let Some(from) = from {
+                    return Ok(Progress::Followed { plant_epoch: course.goal.plant_epoch, from });
+                }
+                self.attempts += 1;
+                if self.attempts == ATTEMPTS {
+                    return Err(Refusal::Late { attempts: ATTEMPTS });
+                }
+                self.stage = Stage::New;
+            }
+        }
+        Ok(Progress::Waits)
+    }
+}
