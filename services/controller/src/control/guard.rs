@@ -73,7 +73,7 @@ impl Guard {
         handover: &Handover,
     ) {
         let (tick, before) = (state.stamp.tick, self.tracking.request());
-        let reference = planner.reference().at(tick).pose;
+        let reference = planner.reference_at(tick).pose;
         let request = self.tracking.judge(&state.pose, &reference, state.fallback_level());
         if request != before && request != Reason::None {
             handover.note(Event::Stop { tick, reason: request });
@@ -103,7 +103,7 @@ impl Guard {
             FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
                 if by_plans || judge.prefers_simple() =>
             {
-                let reference = planner.reference().at(state.stamp.tick);
+                let reference = planner.reference_at(state.stamp.tick);
                 let point = planner.mpc.limits().admitted(&reference);
                 judge.look(&Passed {
                     given: state.input,

@@ -54,7 +54,7 @@ impl Planner {
         }
     }
 
-    /// The reference.
+    /// The table of the reference.
     pub(super) fn reference(&self) -> &Reference {
         &self.reference
     }
@@ -169,6 +169,11 @@ impl Planner {
         if self.clock != before {
             self.aim_again(knowledge);
         }
+    }
+
+    /// The reference at `tick`, by its own clock.
+    pub(super) fn reference_at(&self, tick: u64) -> ReferencePoint {
+        self.clock.point(&self.reference, tick)
     }
 
     /// Tick at whose time the reference is at `tick`.
