@@ -4,6 +4,7 @@
 //! |--------------|------------------------------------------------------------------|
 //! | [`settings`] | settings of the learner process                                  |
 //! | [`tunable`]     | changes of settings while the robot drives                       |
+//! | [`data_set`] | the samples that a fit learns from                                 |
 //! | [`fit`]      | a data set in, hyperparameters and posterior out                 |
 //! | [`held_out`] | noise of a new sample, from held-out samples                     |
 //! | [`snapshot`] | scores a fitted model and writes its message                     |
@@ -11,6 +12,7 @@
 //! | [`store`]    | saves the last snapshot to a file and resumes from it            |
 //! | [`run`]      | the loop: receives samples while the fit runs beside it          |
 
+pub mod data_set;
 #[cfg(feature = "faults")]
 pub mod fault_injector;
 pub mod fit;

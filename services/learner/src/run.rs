@@ -10,6 +10,7 @@
 
 mod fitter;
 
+use crate::data_set::{DataSet, fingerprint_of, fit_settings};
 #[cfg(feature = "faults")]
 use crate::fault_injector::SnapshotFaultInjector;
 use crate::fit::{FitSettings, FittedModel};
@@ -19,14 +20,12 @@ use crate::snapshot::{self, Label};
 use crate::store;
 use crate::tunable::TunableSettings;
 use fitter::{Done, Job, fit_jobs};
-use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
+use model::gp::dictionary::Outcome;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::VarianceScratch;
 use model::learned::{
-    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, Learned, Residual, Uncertain,
+    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Learned, Residual, Uncertain,
 };
-use model::main_model::{MainModel, fingerprint};
-use model::residual::bound;
 use model::{AXES, Velocity};
 use process::{Pace, Pulse, Stop};
 use protocol::frame::DecodeError;
@@ -40,16 +39,6 @@ use transport::{OpenError, Ports, ReceiveError, SendError, Since, Sink, Source};
 
 /// Longest wait between two checks of the stop signals.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// Velocity unit of the kernel inputs, as a share of the velocity's physical range.
-const VELOCITY_SHARE: f64 = 0.2;
-/// Slip unit of the kernel inputs, as a share of the physical range of the velocity.
-const SLIP_SHARE: f64 = 0.1;
-
-/// Age at which a sample has half its weight \[s\].
-const MEMORY_S: f64 = 5.0;
-/// Innovations that are never surprising, as a share of the largest plausible residual.
-const NOISE_SHARE: f64 = 0.005;
-
 /// Why the learner ended before a stop was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
@@ -101,41 +90,6 @@ fn run_over<const D: usize>(
     })
 }
 
-fn fit_settings<const D: usize>(settings: &Settings) -> FitSettings<D> {
-    let main = main_model(settings);
-    let limits = &settings.robot.limits;
-    let range = [limits.input_mps, limits.input_mps, limits.yaw_input_radps];
-    let layout = settings.learner.layout;
-    let scale = |input: usize| match (layout, input / AXES) {
-        (Layout::VelocitySlipHeading, 2) => 1.0,
-        (_, 0) | (Layout::VelocityInput, _) => VELOCITY_SHARE * range[input % AXES],
-        _ => SLIP_SHARE * range[input % AXES],
-    };
-    FitSettings {
-        layout,
-        kernel: settings.learner.kernel,
-        input_scale: std::array::from_fn(scale),
-        bound: bound(&main, &settings.robot),
-        evaluations_max: settings.learner.evaluations_max,
-    }
-}
-
-/// Selection of the dictionary. Its kernel has about the curvature of friction, in the units of the
-/// inputs.
-fn selection<const D: usize>(settings: &Settings, fit_settings: &FitSettings<D>) -> Selection<D> {
-    Selection {
-        capacity: settings.learner.points_max,
-        normalisation: fit_settings.normalisation(),
-        kernel: Hyperparameters::new([1.0; D], 1.0, 0.01).with_linear(1.0),
-        memory_samples: MEMORY_S * 1e9 / settings.run.period_nanos as f64,
-        noise_floor: fit_settings.bound.map(|bound| NOISE_SHARE * bound),
-    }
-}
-
-fn main_model(settings: &Settings) -> MainModel {
-    MainModel::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9)
-}
-
 /// The receiving thread.
 struct Learner<'a, const D: usize> {
     settings: &'a Settings,
@@ -146,7 +100,7 @@ struct Learner<'a, const D: usize> {
     samples: Source<ResidualSample>,
     snapshots: Sink<ModelSnapshot>,
     pulse: Pulse,
-    dictionary: Dictionary<D>,
+    data: DataSet<D>,
     /// Hyperparameters at which the first fit begins.
     start: [Hyperparameters<D>; AXES],
     /// Samples since the last cut that is published, for scoring.
@@ -185,12 +139,12 @@ impl<'a, const D: usize> Learner<'a, D> {
         (jobs, done): (Sender<Job<D>>, Receiver<Done<D>>),
     ) -> Result<Self, OpenError> {
         let since = if settings.run.restarted { Since::Joining } else { Since::First };
-        let fingerprint = fingerprint(&main_model(settings), settings.learner.layout.name());
-        let mut dictionary = Dictionary::new(selection(settings, &fit_settings));
+        let fingerprint = fingerprint_of(settings);
+        let mut data = DataSet::new(settings, &fit_settings);
         let resumed = store::to_resume_from(settings, fingerprint);
         let start = resumed.as_ref().map_or_else(
             || fit_settings.hyperparameters(),
-            |snapshot| store::resume(snapshot, &fit_settings, &mut dictionary),
+            |snapshot| store::resume(snapshot, &fit_settings, &mut data.dictionary),
         );
         Ok(Self {
             settings,
@@ -200,7 +154,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             samples: ports.source(since)?,
             snapshots: ports.sink()?,
             pulse: Pulse::new(ports, Participant::Learner)?.exposed(settings.run.exposure),
-            dictionary,
+            data,
             start,
             recent: VecDeque::new(),
             held_out: HeldOut::default(),
@@ -283,21 +237,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         if first {
             self.join(sample)?;
         }
-        let believable = sample
-            .residual
-            .iter()
-            .zip(self.fit_settings.bound)
-            .all(|(residual, bound)| residual.abs() <= bound);
-        // One number that is not finite would spoil every fit while it is in the data set.
-        let finite = sample
-            .velocity
-            .iter()
-            .chain(&sample.input)
-            .chain(&sample.input_before)
-            .all(|value| value.is_finite());
-        if sample.usable == 1 && believable && finite {
-            let input = self.settings.learner.layout.inputs(&snapshot::moment(sample));
-            let outcome = self.dictionary.insert(Observation { input, target: sample.residual });
+        if let Some(outcome) = self.data.take_in(sample) {
             if outcome == Outcome::Changed {
                 tracing::info!(tick, "the robot has changed: older samples count less");
             }
@@ -312,14 +252,9 @@ impl<'a, const D: usize> Learner<'a, D> {
             self.last_cut = cut;
             let cut = cut * self.tunable.every_ticks();
             self.pending.push_back(cut);
-            let observations = self
-                .dictionary
-                .observations()
-                .map(|(observation, scale)| (*observation, scale))
-                .collect();
             let job = Job {
                 cut,
-                observations,
+                observations: self.data.observations(),
                 anew: std::mem::take(&mut self.anew),
                 evaluations_max: self.tunable.evaluations_max(),
             };
@@ -385,7 +320,7 @@ impl<'a, const D: usize> Learner<'a, D> {
                 covered = ?self.held_out.covered(),
                 "the robot contradicts the data of the earlier run: the data is dropped"
             );
-            self.dictionary.forget_restored();
+            self.data.dictionary.forget_restored();
             self.held_out = HeldOut::default();
             (self.on_trial, self.anew) = (false, true);
         }
