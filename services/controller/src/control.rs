@@ -244,10 +244,7 @@ impl Controller {
             let Before { tick, state: before } = before;
             self.knowledge.observe(&Period { tick, before, given: state.input, after: now });
             self.guard.watch_period(state, &mut self.planner, &self.knowledge);
-            sample.pose = before.pose;
-            sample.velocity = before.velocity;
-            (sample.input, sample.input_before) = (self.knowledge.state().acted, before.acted);
-            sample.residual = self.knowledge.residual();
+            self.knowledge.write_sample(&before, &mut sample);
             sample.usable = u32::from(ours);
         } else if seen {
             // An input that is not finite is replaced by the last command: the best estimate.

@@ -18,7 +18,7 @@ use model::predict::Belief;
 use model::residual::{bound, residual};
 use model::response::ResponseEstimator;
 use model::{AXES, State, Velocity};
-use protocol::message::Plan;
+use protocol::message::{Plan, ResidualSample};
 
 /// One past period.
 #[derive(Debug, Clone, Copy)]
@@ -256,6 +256,13 @@ impl Knowledge {
         let mean = self.main.mean_velocity(&before.velocity, &after.velocity);
         self.pose.update(&mean, &after.pose);
         self.velocity = after.velocity;
+    }
+
+    /// Writes the last period, which began with `before`, and its residual into `sample`.
+    pub fn write_sample(&self, before: &State, sample: &mut ResidualSample) {
+        (sample.pose, sample.velocity) = (before.pose, before.velocity);
+        (sample.input, sample.input_before) = (self.acted, before.acted);
+        sample.residual = self.residual;
     }
 
     /// Processes a missing period: only the measurements and the acting input are known.

@@ -240,6 +240,12 @@ pub struct StateLimits {
 }
 
 impl MpcSettings {
+    /// Largest gain of the observers of a controller that has some: that of the settings, or 1 if
+    /// they have none.
+    pub fn offset_free_gain(&self) -> f64 {
+        if self.observer_gain > 0.0 { self.observer_gain } else { 1.0 }
+    }
+
     /// Checks that the controller can be built.
     ///
     /// # Errors

@@ -9,9 +9,6 @@ use model::learned::Layout;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
-/// Largest ℓ of the observer of every contender that has one, if the scenario sets none.
-pub const OBSERVER_GAIN: f64 = 1.0;
-
 /// A controller in a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize)]
 pub enum Contender {
@@ -102,9 +99,7 @@ impl Contender {
         };
         mpc.observer_gain = match self {
             Self::FeedforwardP | Self::Mpc | Self::GprMpc => 0.0,
-            // The scenario's gain, the same for all that have an observer.
-            _ if mpc.observer_gain > 0.0 => mpc.observer_gain,
-            _ => OBSERVER_GAIN,
+            _ => mpc.offset_free_gain(),
         };
         mpc.observers = match self {
             Self::MpcKalman => Observers::Kalman,

@@ -95,6 +95,30 @@ impl Layout {
             }
         })
     }
+
+    /// The period with these inputs, which are not normalised: the inverse of
+    /// [`inputs`](Self::inputs). What the layout does not have is zero.
+    pub fn moment<const D: usize>(self, inputs: &[f64; D]) -> Moment {
+        let input =
+            |part: usize, axis: usize| inputs.get(part * AXES + axis).copied().unwrap_or(0.0);
+        let velocity: Velocity = std::array::from_fn(|axis| input(0, axis));
+        let beyond = |part| std::array::from_fn(|axis| velocity[axis] + input(part, axis));
+        Moment {
+            velocity,
+            input: match self {
+                Self::VelocityInput => std::array::from_fn(|axis| input(1, axis)),
+                _ => beyond(1),
+            },
+            before: match self {
+                Self::VelocitySlipHistory => beyond(2),
+                _ => [0.0; AXES],
+            },
+            heading: match self {
+                Self::VelocitySlipHeading => input(2, 1).atan2(input(2, 0)),
+                _ => 0.0,
+            },
+        }
+    }
 }
 
 /// g with its Jacobians.
@@ -214,6 +238,30 @@ mod tests {
     use super::*;
     use crate::gp::hyperparameters::Hyperparameters;
     use crate::gp::posterior::PosteriorError;
+
+    #[test]
+    fn the_period_of_its_inputs_is_the_period() {
+        let at = Moment {
+            velocity: [1.0, -0.5, 0.2],
+            input: [1.25, -0.25, 0.5],
+            before: [0.5, 0.25, -1.0],
+            heading: 2.0,
+        };
+        for layout in [
+            Layout::VelocityInput,
+            Layout::VelocitySlip,
+            Layout::VelocitySlipHistory,
+            Layout::VelocitySlipHeading,
+        ] {
+            let inputs: [f64; INPUTS_WITH_HISTORY] = layout.inputs(&at);
+            let back = layout.moment(&inputs);
+            assert_eq!((back.velocity, back.input), (at.velocity, at.input));
+            let history = layout == Layout::VelocitySlipHistory;
+            assert_eq!(back.before, if history { at.before } else { [0.0; AXES] });
+            let heading = layout == Layout::VelocitySlipHeading;
+            assert!((back.heading - if heading { at.heading } else { 0.0 }).abs() < 1e-12);
+        }
+    }
 
     /// A floor slopes along the world's x axis. The samples come from headings of a quarter turn.
     #[test]

@@ -142,6 +142,12 @@ impl Physics {
         }
     }
 
+    /// The same without forgetting: for the data of one robot that does not change.
+    #[must_use]
+    pub fn lasting(self) -> Self {
+        Self { kept: 1.0, ..self }
+    }
+
     /// The weights identified so far.
     pub fn found(&self) -> FoundPhysics {
         let axes = self.axes.map(|axis| FoundAxis {

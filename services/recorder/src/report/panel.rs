@@ -184,6 +184,15 @@ impl Panel {
         self.path(&format!("band {class}"), &data);
     }
 
+    /// The area between two curves: `points` are (x, lower, upper), in the order of x.
+    pub fn area(&mut self, class: &str, points: &[(f64, f64, f64)]) {
+        let upper = points.iter().filter_map(|&(x, _, upper)| self.place(x, upper));
+        let lower = points.iter().rev().filter_map(|&(x, lower, _)| self.place(x, lower));
+        let mut data = String::new();
+        subpath(&mut data, &upper.chain(lower).collect::<Vec<_>>());
+        self.path(&format!("band {class}"), &data);
+    }
+
     /// A dot at each of `points`; only one for points at the same place.
     pub fn dots(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();
