@@ -6,6 +6,7 @@ use crate::exposure::{Exposed, exposed};
 #[cfg(feature = "faults")]
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::file::Graph;
+use crate::first_model;
 use crate::hosts::Host;
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
@@ -136,7 +137,7 @@ impl Assembly {
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         #[cfg(feature = "faults")]
         let faults = faults_for(options, graph.pace, scenario.truth.as_ref())?;
-        Ok(Self {
+        let mut assembly = Self {
             certificates,
             exposed,
             graph,
@@ -149,7 +150,29 @@ impl Assembly {
             #[cfg(feature = "faults")]
             faults,
             without_learning: None,
-        })
+        };
+        if let Some(model) = &options.model {
+            assembly.begin_with(model, options)?;
+        }
+        Ok(assembly)
+    }
+
+    /// Begins with the snapshot `model`.
+    fn begin_with(&mut self, model: &Path, options: &Options) -> Result<(), SettingsError> {
+        if !self.learns() {
+            return Err(SettingsError::Value {
+                file: options.graph.clone(),
+                line: None,
+                key: "--model".into(),
+                value: Some(format!("\"{}\"", model.display())),
+                expected: "a run with a learner: it publishes the model".into(),
+            });
+        }
+        first_model::read(model, self)?;
+        // The settings of the processes must be valid in every working directory.
+        let file = std::path::absolute(model).unwrap_or_else(|_| model.to_path_buf());
+        self.scenario.learner.resume = Some(file);
+        Ok(())
     }
 
     /// Its processes, in the order in which they start.

@@ -11,6 +11,7 @@
 //! | `faults`         | the file of the faults to inject, with the feature `faults`       |
 //! | [`exposure`]     | addresses of a graph that other machines on the network can reach |
 //! | [`certificates`] | a directory of certificates → credentials of this host            |
+//! | [`first_model`]  | the snapshot that a run begins with                               |
 //! | [`assembly`]     | options + graph + scenario + robot → settings of each process     |
 
 pub mod assembly;
@@ -20,6 +21,7 @@ pub mod exposure;
 #[cfg(feature = "faults")]
 pub mod faults;
 pub mod file;
+pub mod first_model;
 pub mod hosts;
 pub mod options;
 pub mod role;

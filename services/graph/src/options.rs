@@ -27,6 +27,9 @@ pub struct Options {
     /// Whether the learner runs: on or off.
     #[arg(long, value_name = "on|off", value_parser = switch)]
     pub learner: Option<bool>,
+    /// Begin with a learned model: the snapshot of an earlier run, or of `coxswain learn`.
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
     /// Launch only the processes of this host of the graph file. Without it, all hosts run on this
     /// machine, and meet on its loopback.
     #[arg(long, value_name = "NAME")]
@@ -76,6 +79,7 @@ impl Options {
             duration: None,
             pace: None,
             learner: None,
+            model: None,
             host: None,
             addresses: Vec::new(),
             out: None,

@@ -170,6 +170,7 @@ fn command(options: &Options, host: &str, out: &Path) -> io::Result<Command> {
     let files: &[(&str, &Option<PathBuf>)] = &[
         ("--scenario", scenario),
         ("--robot", robot),
+        ("--model", &options.model),
         ("--certificates", &options.certificates),
         #[cfg(feature = "faults")]
         ("--faults", &options.faults),
