@@ -1,4 +1,5 @@
-//! The commands that no robot needs: watch, certificates, drill, experiment and identify.
+//! The commands that no robot needs: watch, certificates, drill, experiment, identify, learn and
+//! model.
 
 use certificates::CertificatesOptions;
 use clap::Subcommand;
@@ -8,6 +9,8 @@ use experiment::{CompareOptions, without_learning};
 use graph::assembly::Assembly;
 use identify::command::{IdentifyError, IdentifyOptions, Plan, identify};
 use network::threads;
+use offline::command::LearnOptions;
+use offline::show::ShowOptions;
 use process::Stop;
 use runs::registry;
 use std::error::Error;
@@ -46,9 +49,27 @@ pub(crate) enum Command {
     /// Exit code 0 if the robot file was written, 2 if an option or a log cannot be used, 1 if the
     /// drive failed or a file cannot be written. If a signal ends the drive, 128 plus its number.
     Identify(IdentifyOptions),
+    /// Train a model from logs, with the code of the learner, and judge it on motion that was held
+    /// out: the snapshot with which `coxswain launch --model` starts.
+    ///
+    /// Exit code 0 if the snapshot was written, 2 if an option or a log cannot be used, 1 if the
+    /// model is no better than none, or the file cannot be written.
+    Learn(LearnOptions),
+    /// Show what a model has learned.
+    #[command(subcommand)]
+    Model(Model),
     /// Compare controllers in closed loops, in lock step and in one process.
     #[command(subcommand)]
     Experiment(Experiment),
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Model {
+    /// Print kernel, hyperparameters and scores of a snapshot, and draw slices through it.
+    ///
+    /// Exit code 0 if it was shown, 2 if it cannot be used with this graph, 1 if the page cannot be
+    /// written.
+    Show(ShowOptions),
 }
 
 #[derive(Debug, Subcommand)]
@@ -66,6 +87,8 @@ pub(crate) fn run(command: &Command) -> ExitCode {
         Command::Drill(options) => drill(options),
         Command::Offer(options) => offer(options),
         Command::Identify(options) => identified(options),
+        Command::Learn(options) => learn(options),
+        Command::Model(Model::Show(options)) => show(options),
         Command::Experiment(Experiment::Compare(options)) => compare(options),
     }
 }
@@ -147,6 +170,26 @@ fn identified(options: &IdentifyOptions) -> ExitCode {
     };
     identify(&logs, &robot, &options.out, options.drive.is_some())
         .map_or_else(|error| refused(&error), |()| ExitCode::SUCCESS)
+}
+
+fn learn(options: &LearnOptions) -> ExitCode {
+    match offline::command::learn(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn show(options: &ShowOptions) -> ExitCode {
+    match offline::show::show(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            Terminal::new().say(format_args!("coxswain: {error}"));
+            ExitCode::from(error.exit_code())
+        }
+    }
 }
 
 fn compare(options: &CompareOptions) -> ExitCode {

@@ -278,7 +278,10 @@ pub fn identify(
 }
 
 /// Fails if the robot is far faster than its file allows: all numbers may have another unit.
-fn check_speed(log: &Log, given: &Robot) -> Result<(), IdentifyError> {
+///
+/// # Errors
+/// [`IdentifyError::TooFast`].
+pub fn check_speed(log: &Log, given: &Robot) -> Result<(), IdentifyError> {
     let planar = given.limits.input_mps;
     let limits = [planar, planar, given.limits.yaw_input_radps];
     let velocity = log.speed();
