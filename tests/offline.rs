@@ -24,7 +24,7 @@ fn coxswain(home: &Path, arguments: &[&str]) -> Result<Output, Box<dyn Error>> {
     Ok(command.output()?)
 }
 
-/// What drives in these tests.
+/// What the logs have: a motion that is not that of the graph.
 const SCENARIO: [&str; 2] = ["--scenario", "figure-eight"];
 
 /// The local graph with this scenario.
@@ -39,8 +39,7 @@ fn learn(home: &Path, log: &Path, to: &Path, options: &[&str]) -> Result<Output,
     let (graph, log, to) = (graph_file("local"), log.display(), to.display());
     let (graph, log, to) = (graph.display().to_string(), log.to_string(), to.to_string());
     let arguments = ["learn", "--graph", &graph, &log, "--to", &to];
-    let scenario = if options.contains(&"--scenario") { &[] } else { SCENARIO.as_slice() };
-    coxswain(home, &[arguments.as_slice(), scenario, options].concat())
+    coxswain(home, &[arguments.as_slice(), options].concat())
 }
 
 /// A run without a learner, and the model that was trained from it.
@@ -100,7 +99,7 @@ fn the_same_logs_give_the_same_bytes() -> Outcome {
 /// which the learned model was used.
 fn first_seconds(options: &[&str]) -> Result<(f64, u64), Box<dyn Error>> {
     let common = ["--pace", "lock-step", "--duration", "5", "--seed", "7"];
-    let (ended, home) = Launched::new(&[&common, SCENARIO.as_slice(), options].concat())?.end()?;
+    let (ended, home) = Launched::new(&[&common, options].concat())?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let record = Record::read(&home.path().join("run"))?;
     let (mut squares, mut count, mut axes) = (0.0, 0.0, 0_u64);

@@ -13,6 +13,9 @@ use model::main_model::MainModel;
 use protocol::VERSION;
 use protocol::message::{Message, ModelSnapshot};
 
+/// Samples per point of a snapshot above which earlier data would only displace newer data.
+const SAMPLES_PER_POINT: usize = 3;
+
 /// Largest share of samples that the main model cannot explain with any plausible residual.
 const IMPLAUSIBLE_MAX: f64 = 0.2;
 
@@ -76,6 +79,11 @@ impl Work<'_> {
         let mut findings = cross_validate(self.passages, self.controller, &training)?;
         let Some((snapshot, from)) = self.earlier else { return Ok((training, findings)) };
         let (layout, to) = (self.learner.learner.layout, main_model(self.learner));
+        let samples: usize = self.passages.iter().map(Vec::len).sum();
+        if samples > SAMPLES_PER_POINT * self.learner.learner.points_max {
+            terminal::print("the logs alone fill the snapshot: the earlier data are not used");
+            return Ok((training, findings));
+        }
         for noise in NOISES {
             let prior = carried(snapshot, layout, [from, &to], &training.fit.bound, noise);
             let other = Training::new(self.learner).with_prior(prior);
