@@ -123,12 +123,12 @@ fn earlier_file(robot: &Robot) -> Robot {
 /// The snapshot of `robot` in the world of `truth`, and its main model.
 fn earlier(
     assembly: &Assembly,
-    robot: Robot,
+    robot: &Robot,
     truth: &Truth,
 ) -> Result<(ModelSnapshot, MainModel), Box<dyn Error>> {
-    let assembly = Assembly { robot, ..assembly.clone() };
+    let assembly = Assembly { robot: *robot, ..assembly.clone() };
     let snapshot = learned(&assembly, &drive(&assembly, truth, 60.0, 1))?;
-    Ok((snapshot, MainModel::new(&robot, 1e-3 * assembly.scenario.period_millis)))
+    Ok((snapshot, MainModel::new(robot, 1e-3 * assembly.scenario.period_millis)))
 }
 
 /// Ratio of the errors with the earlier data to those without, on other motion: for another robot
@@ -144,7 +144,7 @@ fn ratios(graph: &str, duration_s: f64) -> Result<[Verdict; 2], Box<dyn Error>> 
     other.yaw_inertia_kg_m2 *= 2.0;
     other.motor_gain.iter_mut().take(1).for_each(|gain| *gain *= 0.6);
     let mut verdicts = Vec::new();
-    for (robot, truth) in [(before, &truth), (assembly.robot, &other)] {
+    for (robot, truth) in [(&before, &truth), (&assembly.robot, &other)] {
         let earlier = earlier(&assembly, robot, truth)?;
         let [with, without] = with_and_without(&assembly, &log, &test, &earlier)?;
         verdicts.push(Verdict::between(&with, &without));
@@ -167,10 +167,10 @@ fn what_carried_data_bring_to_every_robot() -> Outcome {
     for graph in ROBOTS {
         for duration_s in [10.0, 30.0, 60.0] {
             let [file, robot] = ratios(graph, duration_s)?.map(|verdict| verdict.means());
-            println!(
+            terminal::print(format_args!(
                 "{graph} {duration_s} s: other file {:.2} {:.2}, changed robot {:.2} {:.2}",
                 file[0], file[1], robot[0], robot[1]
-            );
+            ));
         }
     }
     Ok(())

@@ -117,7 +117,6 @@ fn a_launch_that_begins_with_the_model_predicts_better_in_its_first_seconds() ->
     let (_, model) = school()?;
     let (cold, _) = first_seconds(&[])?;
     let (warm, axes) = first_seconds(&["--model", &model.display().to_string()])?;
-    println!("one-step error in the first 5 s: {warm} m/s with the model, {cold} m/s without");
     assert!(warm < cold, "{warm} m/s with the model, {cold} m/s without");
     assert_eq!(axes & 1, 1, "the controller has used it");
     Ok(())

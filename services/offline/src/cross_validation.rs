@@ -239,7 +239,9 @@ mod tests {
             let mut times = vec![0; all];
             for fold in 0..FOLDS {
                 let held_out: Vec<usize> = blocks.of(fold).flatten().collect();
-                held_out.iter().for_each(|&at| times[at] += 1);
+                for &at in &held_out {
+                    times[at] += 1;
+                }
                 let training: Vec<usize> = (0..all).filter(|&at| blocks.trains(at, fold)).collect();
                 assert!(training.len() * 5 > all, "{} of {all}", training.len());
                 for at in &training {
