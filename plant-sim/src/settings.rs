@@ -7,9 +7,6 @@ use robot::Robot;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
-/// Largest value of `link_delay_millis` \[ms\].
-pub const LINK_DELAY_MILLIS_MAX: u64 = 10_000;
-
 /// All settings of the plant process.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -65,35 +62,14 @@ impl process::HasRun for Settings {
 
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
-        self.robot.check().map_err(|e| Impossible {
-            key: format!("robot.{}", e.key),
-            expected: e.expected.into(),
-        })?;
+        self.driver().check()?;
+        self.start.check().map_err(|impossible| impossible.under("start"))?;
         self.truth
             .as_ref()
             .map_or(Ok(()), Truth::check)
             .map_err(|e| Impossible { key: format!("truth.{}", e.key), expected: e.expected })?;
-        for (key, values) in
-            [("start.pose", self.start.pose), ("start.velocity", self.start.velocity)]
-        {
-            if !values.iter().all(|value| value.is_finite()) {
-                return Err(Impossible::new(key, "three finite numbers"));
-            }
-        }
-        if self.link_delay_millis > LINK_DELAY_MILLIS_MAX {
-            return Err(Impossible::new(
-                "link_delay_millis",
-                format!("at most {LINK_DELAY_MILLIS_MAX} ms"),
-            ));
-        }
         if self.truth.is_some() == self.program.is_some() {
             return Err(Impossible::new("truth", "either [truth] or [program]"));
-        }
-        if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
-            return Err(Impossible {
-                key: "duration_s".into(),
-                expected: "a finite number of seconds greater than 0".into(),
-            });
         }
         Ok(())
     }

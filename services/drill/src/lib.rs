@@ -37,7 +37,7 @@ pub mod tracking;
 use catalogue::{Carrier, Exercise, Extent, exercises};
 use clap::builder::PossibleValuesParser;
 use graph::assembly::missing_programs;
-use graph::role::START_ORDER;
+use graph::role::{START_ORDER, program};
 use ground::Ground;
 use measure::Measured;
 use process::{Stop, may_go_first};
@@ -164,7 +164,7 @@ pub enum DrillError {
     )]
     MissingPrograms {
         /// The missing programs.
-        programs: Vec<&'static str>,
+        programs: Vec<String>,
         /// The folder that was searched.
         folder: PathBuf,
     },
@@ -304,7 +304,7 @@ fn check(deploy: &Path) -> Result<(), DrillError> {
         source,
     })?;
     let folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
-    let programs = missing_programs(START_ORDER.into_iter(), &folder);
+    let programs = missing_programs(START_ORDER.into_iter().map(program).map(Path::new), &folder);
     if programs.is_empty() { Ok(()) } else { Err(DrillError::MissingPrograms { programs, folder }) }
 }
 

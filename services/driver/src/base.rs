@@ -1,6 +1,7 @@
 //! The interface that the author of a robot implements.
 
 use robot::{PerWheel, Velocity, WHEELS_MAX};
+use std::time::Duration;
 
 /// A robot base: sensors out, body velocity in.
 ///
@@ -43,6 +44,18 @@ pub trait Base {
     /// # Errors
     /// [`BaseError`] if the base cannot be driven any more: the driver ends.
     fn drive(&mut self, velocity: Velocity, nanos: u64) -> Result<(), BaseError>;
+
+    /// Restarts the watchdog of the motors: the velocity of the next [`drive`](Self::drive) may act
+    /// for `valid_nanos` \[ns\], unless another one follows. The driver calls it before each
+    /// `drive`, at least every few milliseconds. A process that has died or hangs does not call it:
+    /// then the hardware must stop the motors by itself. Without this method that does not happen.
+    ///
+    /// # Errors
+    /// [`BaseError`] if the base cannot be reached any more: the driver ends.
+    fn watchdog(&mut self, valid_nanos: u64) -> Result<(), BaseError> {
+        let _ = valid_nanos;
+        Ok(())
+    }
 
     /// The true state, if the robot is simulated.
     fn truth(&self) -> Option<TrueState> {
@@ -113,26 +126,36 @@ pub enum BaseError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The program has ended.
+    /// The device file of the base cannot be used.
+    #[error("{device}: expected {expected}, but: {source}")]
+    Device {
+        /// Device file.
+        device: String,
+        /// What it should be.
+        expected: &'static str,
+        /// Error of the operating system.
+        source: std::io::Error,
+    },
+    /// The program or device has ended.
     #[error("{program} has ended: {reason}")]
     Ended {
-        /// File of the program.
+        /// File of the program or device.
         program: String,
         /// Exit status, or the error.
         reason: String,
     },
-    /// The program has not replied in time.
-    #[error("{program} has not answered for {seconds} s")]
+    /// The program or device has not replied in time.
+    #[error("{program} has not answered for {time:?}")]
     Silent {
-        /// File of the program.
+        /// File of the program or device.
         program: String,
-        /// Length of the wait \[s\].
-        seconds: u64,
+        /// Length of the wait.
+        time: Duration,
     },
-    /// The reply of the program does not fit the request.
+    /// The reply of the program or device does not fit the request.
     #[error("{program} answered {line:?}: {reason}")]
     Answer {
-        /// File of the program.
+        /// File of the program or device.
         program: String,
         /// The beginning of the reply.
         line: String,

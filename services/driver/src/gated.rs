@@ -9,6 +9,10 @@ use robot::{PerWheel, Velocity, Wheels};
 /// ramp \[ns\].
 pub const SLICE_NANOS: u64 = 2_000_000;
 
+/// Time for which the hardware of a base may act on the last velocity of a driver that has died or
+/// hangs \[ns\]. A stall of the machine is shorter, as a rule.
+pub const WATCHDOG_NANOS: u64 = 100_000_000;
+
 /// Base and gate of one plant epoch. All times are nanoseconds since its start.
 pub struct GatedBase<B> {
     base: B,
@@ -124,6 +128,7 @@ impl<B: Base> GatedBase<B> {
             let slice = SLICE_NANOS.min(now - self.at);
             self.decision = self.gate.decide(self.at);
             let input = self.decision.input;
+            self.base.watchdog(WATCHDOG_NANOS)?;
             self.base.drive(input, slice)?;
             for (sum, given) in self.given.iter_mut().zip(input) {
                 *sum += given * slice as f64;

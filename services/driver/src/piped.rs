@@ -158,7 +158,7 @@ impl PipedBase {
             }),
             Err(RecvTimeoutError::Timeout) => {
                 let _ = self.child.kill();
-                Err(BaseError::Silent { program: self.name.clone(), seconds: within.as_secs() })
+                Err(BaseError::Silent { program: self.name.clone(), time: within })
             }
             Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
         }

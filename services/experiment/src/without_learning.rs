@@ -49,7 +49,8 @@ pub fn is_wanted(assembly: &Assembly) -> bool {
     let needed =
         [Participant::Plant, Participant::Controller, Participant::Learner, Participant::Gateway];
     let enabled = needed.into_iter().all(|role| assembly.graph.processes.of(role).enabled);
-    is_shown && enabled && assembly.graph.pace == Pace::RealTime
+    let is_simulated = assembly.graph.driver.is_none();
+    is_shown && enabled && is_simulated && assembly.graph.pace == Pace::RealTime
 }
 
 /// Runs `assembly` without its learner and its faults, and writes the result into `folder`. Returns

@@ -13,6 +13,7 @@ use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
 use bridge::settings::Remote;
 use controller::settings::LearnedSettings;
+use driver::ProgramSettings;
 use gateway::settings::About;
 use process::{PRIORITY, Pace, Run};
 use protocol::message::{Exposure, Participant};
@@ -88,7 +89,14 @@ impl Assembly {
         let has_learner = graph.processes.learner.enabled;
         let host = host_of(options, &mut graph)?;
         let learns_elsewhere = has_learner && !graph.processes.learner.enabled && host.is_some();
-        if graph.processes.plant.enabled && scenario.truth.is_none() && scenario.world.is_none() {
+        if let Some(driver) = &mut graph.driver
+            && driver.program.components().count() > 1
+        {
+            let path = from(&options.graph, &driver.program);
+            driver.program = std::path::absolute(&path).unwrap_or(path);
+        }
+        let is_simulated = graph.processes.plant.enabled && graph.driver.is_none();
+        if is_simulated && scenario.truth.is_none() && scenario.world.is_none() {
             return Err(SettingsError::Value {
                 file: options.scenario.clone().unwrap_or(own_scenario),
                 line: None,
@@ -180,6 +188,12 @@ impl Assembly {
         START_ORDER.into_iter().filter(|&role| self.graph.processes.of(role).enabled)
     }
 
+    /// The program of `role`: a name in the directory of the binaries, or a path.
+    pub fn program(&self, role: Participant) -> &Path {
+        let driver = self.graph.driver.as_ref().filter(|_| role == Participant::Plant);
+        driver.map_or(Path::new(program(role)), |driver| &driver.program)
+    }
+
     /// Access of unauthenticated peers on the network.
     pub fn exposure(&self) -> Exposure {
         self.exposed.iter().map(Exposed::lets).max().unwrap_or(Exposure::Closed)
@@ -223,6 +237,21 @@ impl Assembly {
         run: Run,
         file: &Path,
     ) -> Result<(), WriteError> {
+        match (role, &self.graph.driver) {
+            (Participant::Plant, Some(driver)) => {
+                settings::write(file, &self.driver(run, driver.settings.clone()))
+            }
+            (role, _) => self.write_own_settings(role, run, file),
+        }
+    }
+
+    /// The same, for a program of this project.
+    fn write_own_settings(
+        &self,
+        role: Participant,
+        run: Run,
+        file: &Path,
+    ) -> Result<(), WriteError> {
         match role {
             Participant::Plant => settings::write(file, &self.plant(run)),
             Participant::Controller => settings::write(file, &self.controller(run)),
@@ -251,6 +280,20 @@ impl Assembly {
             robot: self.robot,
             truth,
             program: self.scenario.world.clone(),
+        }
+    }
+
+    /// Settings of the program that drives the robot, which has `base` for itself.
+    fn driver(&self, run: Run, base: toml::Table) -> ProgramSettings<toml::Table> {
+        ProgramSettings {
+            duration_s: self.scenario.duration_s,
+            link_delay_millis: self.link_delay_millis(),
+            recorded: self.graph.processes.recorder.enabled,
+            armed: self.graph.armed,
+            start: self.scenario.start,
+            run,
+            robot: self.robot,
+            base,
         }
     }
 
@@ -474,12 +517,13 @@ fn name_of(file: &Path) -> String {
     file.file_stem().map_or_else(|| "scenario".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// Binaries of `roles` that are not in `folder`.
-pub fn missing_programs(
-    roles: impl Iterator<Item = Participant>,
+/// Those of `programs` that are not in `folder`.
+pub fn missing_programs<'a>(
+    programs: impl Iterator<Item = &'a Path>,
     folder: &Path,
-) -> Vec<&'static str> {
-    roles.map(program).filter(|program| !folder.join(program).is_file()).collect()
+) -> Vec<String> {
+    let missing = programs.filter(|program| !folder.join(program).is_file());
+    missing.map(|program| program.display().to_string()).collect()
 }
 
 #[cfg(test)]
@@ -531,13 +575,33 @@ mod tests {
     }
 
     #[test]
+    fn the_driver_is_a_program_beside_ours_or_a_path_from_the_graph_file()
+    -> Result<(), Box<dyn std::error::Error>> {
+        let deploy = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy");
+        let text = std::fs::read_to_string(deploy.join("graphs/serial-base.toml"))?;
+        let text = text.replace("\"../", &format!("\"{}/", deploy.display()));
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("graph.toml");
+        for (program, expected) in [
+            ("serial-base", PathBuf::from("serial-base")),
+            ("programs/mine", folder.path().join("programs/mine")),
+            ("/usr/bin/mine", PathBuf::from("/usr/bin/mine")),
+        ] {
+            let text = text.replace("program = \"serial-base\"", &format!("program = {program:?}"));
+            std::fs::write(&file, text)?;
+            let assembly = Assembly::read(&Options::of_graph(&file))?;
+            assert_eq!(assembly.program(Participant::Plant), expected);
+            assert_eq!(assembly.program(Participant::Recorder), Path::new("recorder"));
+        }
+        Ok(())
+    }
+
+    #[test]
     fn a_missing_binary_is_named_in_the_error() -> std::io::Result<()> {
         let folder = tempfile::tempdir()?;
         std::fs::write(folder.path().join("recorder"), "")?;
-        let missing = missing_programs(
-            [Participant::Recorder, Participant::Plant].into_iter(),
-            folder.path(),
-        );
+        let programs = ["recorder", "plant-sim"].map(Path::new);
+        let missing = missing_programs(programs.into_iter(), folder.path());
         assert_eq!(missing, ["plant-sim"]);
         Ok(())
     }

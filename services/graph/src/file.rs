@@ -4,9 +4,10 @@ use crate::back_off::RestartPolicy;
 use crate::certificates::CertificatesTable;
 use crate::hosts::{Connection, Deployment, Host};
 use crate::role::START_ORDER;
+use driver::LINK_DELAY_MILLIS_MAX;
+use driver::piped::Program;
 use gateway::settings::{PageSettings, Rates, check_telemetry};
 use network::telemetry::TelemetrySettings;
-use plant_sim::settings::LINK_DELAY_MILLIS_MAX;
 use process::{Pace, Scheduling};
 use protocol::message::Participant;
 use serde::Deserialize;
@@ -57,6 +58,10 @@ pub struct Graph {
     /// Where the gateway serves the live page. Without this table it serves none.
     #[serde(default)]
     pub page: PageSettings,
+    /// The program that drives the robot, in place of the simulator. A path is relative to the
+    /// graph file; a name without a folder is that of a program beside `coxswain`.
+    #[serde(default)]
+    pub driver: Option<Program>,
     /// Its processes.
     #[serde(default)]
     pub processes: Processes,

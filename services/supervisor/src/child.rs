@@ -1,7 +1,6 @@
 //! One process: start, signal, exit status.
 
 use crate::service_manager::VARIABLES;
-use graph::role::program;
 use network::threads;
 use process::Lifeline;
 use protocol::message::Participant;
@@ -35,20 +34,20 @@ impl From<ExitStatus> for Ending {
 }
 
 impl Child {
-    /// Starts the program of `role` from `programs`. It gets its own process group, so that Ctrl-C
+    /// Starts `program`, which is that of `role`. It gets its own process group, so that Ctrl-C
     /// in a terminal reaches only the launcher.
     ///
     /// # Errors
     /// If it cannot be started.
     pub fn start(
         role: Participant,
-        programs: &Path,
+        program: &Path,
         settings: &Path,
         run: &Path,
     ) -> io::Result<Self> {
         let output = File::options().create(true).append(true).open(output_file(run, role))?;
         let (lifeline, input) = Lifeline::new()?;
-        let mut command = Command::new(programs.join(program(role)));
+        let mut command = Command::new(program);
         for variable in VARIABLES {
             command.env_remove(variable);
         }

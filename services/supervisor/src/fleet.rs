@@ -228,7 +228,8 @@ impl<'a> Fleet<'a> {
         };
         let file = settings_file(folder, role);
         assembly.write_settings(role, run, &file)?;
-        let child = Child::start(role, programs, &file, folder).map_err(failed)?;
+        let program = programs.join(assembly.program(role));
+        let child = Child::start(role, &program, &file, folder).map_err(failed)?;
         tracing::info!(%role, pid = child.pid(), epoch_floor, "started");
         self.processes_by_role.lock().insert(role, child.id());
         member.state = State::Running(child);

@@ -64,7 +64,7 @@ pub enum LaunchError {
     )]
     MissingPrograms {
         /// The missing binaries.
-        programs: Vec<&'static str>,
+        programs: Vec<String>,
         /// Directory where they are expected.
         folder: PathBuf,
     },
@@ -151,7 +151,7 @@ pub fn run(options: &Options, without_learning: WithoutLearning) -> Result<Outco
     }
     let assembly = Assembly::read(options)?;
     let programs = programs_folder()?;
-    let missing = missing_programs(assembly.roles(), &programs);
+    let missing = missing_programs(assembly.roles().map(|role| assembly.program(role)), &programs);
     if !missing.is_empty() {
         return Err(LaunchError::MissingPrograms { programs: missing, folder: programs });
     }
