@@ -10,11 +10,13 @@
 //! | `messages` | messages in memory and on the network, snapshots on disk                     |
 //! | `settings` | every TOML file                                                              |
 //! | `records`  | points of a reference, records, summaries                                    |
+//! | `serial`   | lines of a base at a serial port                                             |
 //! | `others`   | what browsers and `coxswain set` ask for, who launched a graph, certificates |
 
 mod messages;
 mod others;
 mod records;
+mod serial;
 mod settings;
 
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -39,7 +41,7 @@ pub type Verdict = Result<Fate, String>;
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
-pub const ALL: [(&str, Decoder); 23] = [
+pub const ALL: [(&str, Decoder); 24] = [
     ("frame", messages::frame),
     ("wire", messages::wire),
     ("snapshot_file", messages::snapshot_file),
@@ -63,6 +65,7 @@ pub const ALL: [(&str, Decoder); 23] = [
     ("change", others::change),
     ("set_request", others::set_request),
     ("certificate", others::certificate),
+    ("serial_line", serial::line),
 ];
 
 /// The decoder named `name`.

@@ -1,0 +1,330 @@
+//! Promise: a base at a serial port is driven through a bad cable, its motors stop by themselves
+//! when the driver dies or hangs, and a lost port is named.
+//!
+//! The judge is the table of the simulated firmware: what its motors did in every step.
+
+use promises::{
+    Ended, Launched, Outcome, Record, binaries, graph_with, launch_command, signal, wait_until,
+};
+use rustix::process::Signal;
+use std::collections::HashSet;
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
+use std::thread;
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// Time for which the driver's last velocity may act \[ns\].
+const WATCHDOG_NANOS: u64 = 100_000_000;
+/// Steps of 2 ms or more in which the simulated robot stands still after its motors have stopped:
+/// twelve time constants.
+const STANDS_WITHIN_STEPS: u32 = 300;
+/// Highest speed that the robot file permits \[m/s\], with the rounding of a line.
+const SPEED_MAX: f64 = 5.0 + 1e-6;
+/// Speed at which the robot certainly drives, and below which it stands \[m/s\].
+const DRIVES: f64 = 0.5;
+const STANDS: f64 = 1e-3;
+
+/// A cable that damages, cuts off, loses and delays lines.
+const BAD: [&str; 8] = ["--garble", "0.1", "--truncate", "0.05", "--drop", "0.05", "--delay", "5"];
+
+/// The simulated firmware, which is killed with this value.
+struct Firmware(Child);
+
+impl Firmware {
+    /// Starts it in `home`, and waits for its port.
+    fn start(home: &Path, noise: &[&str]) -> Result<Self, Box<dyn Error>> {
+        let port = port(home);
+        let _ = fs::remove_file(&port);
+        let mut command = Command::new(binaries()?.join("serial-firmware"));
+        command.arg("--link").arg(&port).arg("--record").arg(home.join("firmware.csv"));
+        let this = Self(command.args(noise).spawn()?);
+        wait_until("the port of the firmware", || port.exists())?;
+        Ok(this)
+    }
+}
+
+impl Drop for Firmware {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn port(home: &Path) -> PathBuf {
+    home.join("port")
+}
+
+/// One step of the firmware.
+struct Step {
+    nanos: u64,
+    target: [f64; 3],
+    velocity: [f64; 3],
+    /// Arrival and validity of the last velocity line \[ns\].
+    line_nanos: u64,
+    valid_nanos: u64,
+    rejected: u64,
+    stopped_by_watchdog: bool,
+}
+
+impl Step {
+    fn speed(&self) -> f64 {
+        self.velocity[0].hypot(self.velocity[1])
+    }
+
+    /// Time without a valid velocity line \[ns\].
+    fn age(&self) -> u64 {
+        self.nanos - self.line_nanos
+    }
+}
+
+/// The steps so far, of all firmwares that were started in `home`.
+fn steps(home: &Path) -> Result<Vec<Step>, Box<dyn Error>> {
+    let text = fs::read_to_string(home.join("firmware.csv"))?;
+    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+    whole.lines().skip(1).map(step).collect()
+}
+
+fn step(row: &str) -> Result<Step, Box<dyn Error>> {
+    let cells: Vec<&str> = row.split(',').collect();
+    let cell = |place: usize| cells.get(place).copied().ok_or_else(|| format!("{row:?} is short"));
+    let number = |place: usize| Ok::<f64, Box<dyn Error>>(cell(place)?.parse()?);
+    let count = |place: usize| Ok::<u64, Box<dyn Error>>(cell(place)?.parse()?);
+    Ok(Step {
+        nanos: count(0)?,
+        target: [number(1)?, number(2)?, number(3)?],
+        velocity: [number(4)?, number(5)?, number(6)?],
+        line_nanos: count(8)?,
+        valid_nanos: count(9)? * 1_000_000,
+        rejected: count(10)?,
+        stopped_by_watchdog: count(11)? > 0,
+    })
+}
+
+/// Number of steps with motion, so that no judgement is about a robot that stood.
+///
+/// # Panics
+/// If the motors had a target after the time of the watchdog, or the robot moved much later, or too
+/// fast.
+fn acquit(steps: &[Step]) -> usize {
+    let mut overdue = 0;
+    for step in steps {
+        let (age, nanos) = (step.age(), step.nanos);
+        let speeds = [step.speed(), step.target[0].hypot(step.target[1])];
+        assert!(speeds.iter().all(|&speed| speed <= SPEED_MAX), "{nanos}: {speeds:?} m/s");
+        assert!(step.valid_nanos <= WATCHDOG_NANOS, "{nanos}: {} ns", step.valid_nanos);
+        assert!(age < WATCHDOG_NANOS || step.target == [0.0; 3], "{nanos}: a target at {age} ns");
+        overdue = if age < WATCHDOG_NANOS { 0 } else { overdue + 1 };
+        assert!(
+            overdue < STANDS_WITHIN_STEPS || step.speed() < STANDS,
+            "{nanos}: moves at {age} ns"
+        );
+    }
+    steps.iter().filter(|step| step.speed() > DRIVES).count()
+}
+
+/// A robot at a port, and the launch that drives it.
+struct Rig {
+    firmware: Option<Firmware>,
+    launched: Launched,
+}
+
+impl Rig {
+    fn new(noise: &[&str], tables: &str, options: &[&str]) -> Result<Self, Box<dyn Error>> {
+        let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+        let firmware = Some(Firmware::start(home.path(), noise)?);
+        let port = quoted(&port(home.path()));
+        Ok(Self { firmware, launched: launch(home, &port, tables, options)? })
+    }
+
+    fn home(&self) -> &Path {
+        self.launched.home()
+    }
+
+    /// Waits until the robot drives, at a time after now.
+    fn wait_until_it_drives(&self) -> Outcome {
+        let known = steps(self.home())?.len();
+        self.launched.wait_until("a robot that drives", || {
+            let steps = steps(self.home()).unwrap_or_default();
+            steps.iter().skip(known).any(|step| step.speed() > DRIVES)
+        })
+    }
+
+    /// Waits for the end of the launch.
+    fn end(self) -> Result<(Ended, TempDir), Box<dyn Error>> {
+        let ended = self.launched.end()?;
+        drop(self.firmware);
+        Ok(ended)
+    }
+}
+
+/// The setting of a port.
+fn quoted(port: &Path) -> String {
+    format!("port = \"{}\"", port.display())
+}
+
+/// Launches `serial-base.toml` with these `settings` of its driver, and tables of its processes.
+fn launch(
+    home: TempDir,
+    settings: &str,
+    tables: &str,
+    options: &[&str],
+) -> Result<Launched, Box<dyn Error>> {
+    let graph = graph_with("serial-base", tables, home.path())?;
+    let text = fs::read_to_string(&graph)?;
+    let shipped = "port = \"/dev/ttyUSB0\"\nbaud = 115200";
+    assert!(text.contains(shipped), "{text}");
+    fs::write(&graph, text.replace(shipped, settings))?;
+    let command = launch_command(&graph, &home.path().join("run"), options)?;
+    Launched::by(command, home)
+}
+
+/// Every recorded velocity is one that the firmware has had.
+fn every_measurement_is_one_that_was_sent(home: &Path) -> Outcome {
+    let bits = |velocity: [f64; 3]| velocity.map(|value| (value + 0.0).to_bits());
+    let sent: HashSet<_> = steps(home)?.iter().map(|step| bits(step.velocity)).collect();
+    let record = Record::read(&home.join("run"))?;
+    let mut count = 0;
+    for state in record.of("state") {
+        let velocity = state.numbers("velocity");
+        let velocity = [velocity[0], velocity[1], velocity[2]];
+        assert!(sent.contains(&bits(velocity)), "{velocity:?} was never sent");
+        count += 1;
+    }
+    assert!(count > 10, "{count} states");
+    Ok(())
+}
+
+#[test]
+fn a_base_at_a_serial_port_drives_its_scenario() -> Outcome {
+    let (ended, home) = Rig::new(&[], "", &["--duration", "8"])?.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    assert!(acquit(&steps(home.path())?) > 100);
+    every_measurement_is_one_that_was_sent(home.path())?;
+    let record = Record::read(&home.path().join("run"))?;
+    let last = record.of("state").next_back().ok_or("no state")?;
+    assert_eq!(last.word("fallback_level"), "fresh plan");
+    assert_eq!(record.summary["figures_of"], "measured");
+    let rmse = record.summary["position_rmse_m"].as_f64();
+    assert!(rmse.is_some_and(|rmse| rmse < 0.2), "{}", record.summary);
+    Ok(())
+}
+
+#[test]
+fn the_motors_stop_by_themselves_when_the_driver_is_killed() -> Outcome {
+    let rig = Rig::new(&[], "[processes.plant]\nrestarts_per_minute = 0\n", &["--duration", "60"])?;
+    rig.wait_until_it_drives()?;
+    signal(rig.launched.process("serial-base", None)?, Signal::KILL)?;
+    let has_stopped = |steps: Vec<Step>| {
+        steps.last().is_some_and(|step| step.stopped_by_watchdog && step.speed() < STANDS)
+    };
+    wait_until("motors at rest", || steps(rig.home()).is_ok_and(has_stopped))?;
+    let steps = steps(rig.home())?;
+    assert!(acquit(&steps) > 10);
+    let last = steps.last().ok_or("no step")?.line_nanos;
+    let overdue: Vec<&Step> = steps.iter().filter(|step| step.nanos > last).collect();
+    assert!(overdue.iter().any(|step| step.speed() > DRIVES), "it was killed in motion");
+    let (ended, _home) = rig.end()?;
+    assert!(!ended.status.success(), "{}", ended.text);
+    Ok(())
+}
+
+#[test]
+fn the_motors_stop_by_themselves_when_the_driver_hangs_and_drive_again_later() -> Outcome {
+    let rig = Rig::new(&[], "", &["--duration", "8"])?;
+    rig.wait_until_it_drives()?;
+    let pid = rig.launched.process("serial-base", None)?;
+    signal(pid, Signal::STOP)?;
+    rig.launched.process("serial-base", Some(pid))?;
+    rig.wait_until_it_drives()?;
+    let (ended, home) = rig.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let steps = steps(home.path())?;
+    acquit(&steps);
+    assert!(steps.iter().any(|step| step.stopped_by_watchdog && step.line_nanos > 0));
+    Ok(())
+}
+
+#[test]
+fn a_firmware_that_dies_and_returns_is_driven_again() -> Outcome {
+    let mut rig = Rig::new(&[], "", &["--duration", "8"])?;
+    rig.wait_until_it_drives()?;
+    let pid = rig.launched.process("serial-base", None)?;
+    rig.firmware = None;
+    rig.launched.process("serial-base", Some(pid))?;
+    rig.firmware = Some(Firmware::start(rig.home(), &[])?);
+    rig.wait_until_it_drives()?;
+    let (ended, home) = rig.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    acquit(&steps(home.path())?);
+    Ok(())
+}
+
+#[test]
+fn a_firmware_that_dies_for_good_ends_the_run_with_the_name_of_its_port() -> Outcome {
+    let tables = "[processes.plant]\nrestarts_per_minute = 2\n";
+    let mut rig = Rig::new(&[], tables, &["--duration", "60"])?;
+    rig.wait_until_it_drives()?;
+    let port = port(rig.home()).display().to_string();
+    rig.firmware = None;
+    let (ended, _home) = rig.end()?;
+    assert!(!ended.status.success() && ended.text.contains(&port), "{}", ended.text);
+    Ok(())
+}
+
+/// Exercises with seeds: a bad cable, and processes that die and hang while the robot drives.
+#[test]
+fn a_bad_cable_and_dying_processes_never_move_the_robot_without_a_command() -> Outcome {
+    for (seed, deaths) in [
+        ("1", [("serial-base", Signal::KILL), ("controller", Signal::KILL)]),
+        ("2", [("controller", Signal::STOP), ("serial-base", Signal::STOP)]),
+        ("3", [("serial-base", Signal::KILL), ("serial-base", Signal::KILL)]),
+    ] {
+        let rig = Rig::new(&[&BAD[..], &["--seed", seed]].concat(), "", &["--duration", "8"])?;
+        let pause = Duration::from_millis(37 * seed.parse::<u64>()?);
+        for (program, death) in deaths {
+            rig.wait_until_it_drives()?;
+            thread::sleep(pause);
+            let pid = rig.launched.process(program, None)?;
+            signal(pid, death)?;
+            rig.launched.process(program, Some(pid))?;
+        }
+        rig.wait_until_it_drives()?;
+        let (ended, home) = rig.end()?;
+        assert!(ended.status.success(), "seed {seed}: {}", ended.text);
+        let steps = steps(home.path())?;
+        assert!(acquit(&steps) > 100, "seed {seed}");
+        assert!(steps.iter().any(|step| step.rejected > 5), "seed {seed}: no velocity line fell");
+        every_measurement_is_one_that_was_sent(home.path())?;
+        let log = fs::read_to_string(home.path().join("run/plant.log"))?;
+        assert!(log.lines().any(|line| line.contains("serial port: ")), "seed {seed}: {log}");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_port_that_is_none_is_named_before_anything_moves() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let (file, missing) = (folder.path().join("file"), folder.path().join("missing"));
+    fs::write(&file, "")?;
+    for port in [file.as_path(), missing.as_path(), Path::new("/dev/null")] {
+        refused(&quoted(port), &[&port.display().to_string(), "expected"])?;
+    }
+    refused("port = \"ttyUSB0\"", &["plant.toml:", "base.port", "an absolute path"])?;
+    refused("port = \"/dev/null\"\nbaud = 300", &["plant.toml:", "base.baud", "115200 to"])?;
+    refused("port = \"/dev/null\"\nparity = 1", &["plant.toml:", "base.parity", "baud"])?;
+    refused("baud = 115200", &["plant.toml:", "base.port", "missing"])
+}
+
+/// A launch with these `settings` of the driver fails, and its error contains all of `parts`.
+fn refused(settings: &str, parts: &[&str]) -> Outcome {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let (ended, _home) = launch(home, settings, "", &["--duration", "1"])?.end()?;
+    assert!(!ended.status.success(), "{}", ended.text);
+    for part in parts {
+        assert!(ended.text.contains(part), "{part:?} is not in {}", ended.text);
+    }
+    Ok(())
+}
