@@ -2,6 +2,7 @@
 //! that fails leaves an error, and no robot file.
 
 use graph::assembly::robot_of;
+use identify::log::bag::Topics;
 use promises::{Outcome, binaries, graph_file, repository};
 use std::error::Error;
 use std::path::PathBuf;
@@ -40,7 +41,7 @@ fn a_drive_stays_in_its_rectangle_and_its_record_gives_the_same_file_again() -> 
     assert!(home.path().join("first/report.html").exists());
 
     let record = home.path().join("first/run").display().to_string();
-    let log = identify::log::Log::read(&[PathBuf::from(&record)])?;
+    let log = identify::log::Log::read(&[PathBuf::from(&record)], &Topics::default())?;
     // Around the start of the paper's scenario, (0, -1).
     for sample in log.stretches.iter().flatten() {
         let [x, y, _] = sample.pose;

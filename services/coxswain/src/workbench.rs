@@ -168,7 +168,7 @@ fn identified(options: &IdentifyOptions) -> ExitCode {
         },
         Err(error) => return refused(&error),
     };
-    identify(&logs, &robot, &options.out, options.drive.is_some())
+    identify(&logs, &options.topics, &robot, &options.out, options.drive.is_some())
         .map_or_else(|error| refused(&error), |()| ExitCode::SUCCESS)
 }
 

@@ -3,6 +3,7 @@
 use crate::drive::{self, DriveError};
 use crate::fit::{self, Estimate};
 use crate::judgement::{prediction_error, recommendation, untold};
+use crate::log::bag::Topics;
 use crate::log::{AXIS_NAMES, Log, LogError, moved};
 use crate::report::Page;
 use crate::response::Response;
@@ -22,9 +23,12 @@ use terminal::Terminal;
 /// Logs, or a graph to drive, and where the results go.
 #[derive(Debug, Clone, Args)]
 pub struct IdentifyOptions {
-    /// Records, run directories, or tables (.csv) of one robot.
+    /// Records, run directories, tables (.csv), or ROS 2 bags of one robot.
     #[arg(value_name = "LOG", required_unless_present = "drive", conflicts_with = "drive")]
     pub logs: Vec<PathBuf>,
+    /// What is read of ROS 2 bags.
+    #[command(flatten)]
+    pub topics: Topics,
     /// Drive the robot or simulator of this graph file first: steps and sines of velocity within a
     /// rectangle around the scenario's start pose. Look that the robot stands there, and that the
     /// rectangle is free.
@@ -91,6 +95,14 @@ pub enum IdentifyError {
         value: f64,
         /// The range.
         expected: &'static str,
+    },
+    /// Another number of wheels.
+    #[error("--wheel-joints: {found} joints: expected {expected}, as the robot file has wheels")]
+    WheelJoints {
+        /// Number of joints.
+        found: usize,
+        /// Number of wheels of the robot.
+        expected: usize,
     },
     /// The gate stopped the robot during the drive.
     #[error(
@@ -173,6 +185,10 @@ impl IdentifyOptions {
         let Some(graph) = &self.drive else {
             let robot = self.robot.as_deref().map(robot_of).transpose()?;
             let robot = robot.unwrap_or_else(Robot::example);
+            let (found, expected) = (self.topics.wheel_joints.len(), robot.wheels.count());
+            if found > 0 && found != expected {
+                return Err(IdentifyError::WheelJoints { found, expected });
+            }
             return Ok(Plan::Logs(self.logs.clone(), Box::new(robot)));
         };
         let out = std::path::absolute(&self.out).unwrap_or_else(|_| self.out.clone());
@@ -198,17 +214,19 @@ fn create(folder: &Path) -> Result<(), IdentifyError> {
 const USED: f64 = 0.75;
 
 /// Identifies the robot of `logs`, whose file states `given`, and writes robot file and report into
-/// `out`. Prints the parameters. A drive in which the gate stopped the robot is not used.
+/// `out`. Of bags, `topics` are read. Prints the parameters. A drive in which the gate stopped the
+/// robot is not used.
 ///
 /// # Errors
 /// [`IdentifyError`]; no file was written then.
 pub fn identify(
     logs: &[PathBuf],
+    topics: &Topics,
     given: &Robot,
     out: &Path,
     is_drive: bool,
 ) -> Result<(), IdentifyError> {
-    let log = Log::read(logs)?;
+    let log = Log::read(logs, topics)?;
     if log.is_stopped && is_drive {
         return Err(IdentifyError::Stopped(log.notes));
     }

@@ -2,7 +2,7 @@
 //!
 //! | module         | contents                                                              |
 //! |----------------|-----------------------------------------------------------------------|
-//! | [`log`]        | records and tables → samples                                          |
+//! | [`log`]        | records, tables and bags → samples                                    |
 //! | [`response`]   | the response that is identified, and its simulation                   |
 //! | [`parameter`]  | its numbers as a vector                                               |
 //! | `start`        | where a fit starts                                                    |

@@ -4,12 +4,15 @@
 //! |----------|----------------------------------------------------------------|
 //! | `record` | a record of a run (MCAP)                                       |
 //! | `table`  | a table (CSV)                                                  |
+//! | [`bag`]  | a bag of ROS 2 (MCAP or sqlite3)                               |
 //! | `check`  | which data cannot be used                                      |
 
+pub mod bag;
 mod check;
 mod record;
 mod table;
 
+use bag::{BagError, Topics};
 use recorder::reader::SourceError;
 use robot::{AXES, PerWheel, Velocity};
 use std::path::{Path, PathBuf};
@@ -34,10 +37,14 @@ pub struct Sample {
 
 impl Sample {
     fn is_finite(&self) -> bool {
-        let numbers = self.pose.iter().chain(&self.velocity).chain(&self.input);
-        let wheels = self.wheel_speed.iter().flatten();
-        self.time_s.is_finite() && numbers.chain(wheels).all(|number| number.is_finite())
+        let wheels = self.wheel_speed.as_ref().map_or(&[][..], |speeds| speeds);
+        let numbers = [&[self.time_s], &self.pose[..], &self.velocity, &self.input, wheels];
+        numbers.into_iter().all(is_finite)
     }
+}
+
+fn is_finite(numbers: &[f64]) -> bool {
+    numbers.iter().all(|number| number.is_finite())
 }
 
 /// Samples without a gap, at a constant period.
@@ -62,6 +69,9 @@ pub enum LogError {
     /// A record cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// A bag cannot be read.
+    #[error(transparent)]
+    Bag(#[from] BagError),
     /// A message that no recorder writes.
     #[error("{}: message {number} of topic \"state\": {source}", path.display())]
     Message {
@@ -168,19 +178,26 @@ fn after(notes: &[String]) -> String {
 }
 
 impl Log {
-    /// Reads logs of one robot, each a record, a run directory or a table (`.csv`).
+    /// Reads logs of one robot, each a record, a run directory, a table (`.csv`) or a bag of ROS 2,
+    /// of which these `topics` are read.
     ///
     /// # Errors
     /// [`LogError`].
-    pub fn read(paths: &[PathBuf]) -> Result<Self, LogError> {
+    pub fn read(paths: &[PathBuf], topics: &Topics) -> Result<Self, LogError> {
         let mut log = Self::default();
         for (number, path) in paths.iter().enumerate() {
             if paths[..number].contains(path) {
                 return Err(LogError::Twice(path.clone()));
             }
             let is_table = path.extension().is_some_and(|extension| extension == "csv");
-            let part = if is_table { table::read(path) } else { record::read(path) }?;
-            log.append(path, part)?;
+            let part = if is_table {
+                table::read(path)
+            } else if bag::is_bag(path) {
+                bag::read(path, topics)
+            } else {
+                record::read(path)
+            };
+            log.append(path, part?)?;
         }
         Ok(log)
     }
@@ -244,6 +261,25 @@ impl Log {
 pub fn moved(log: &Log) -> [bool; AXES] {
     let input = check::rms(log, |_, sample| sample.input);
     std::array::from_fn(|axis| input[axis] > check::STANDING[axis])
+}
+
+/// Median step of `times`, so that single gaps do not matter \[s\].
+fn median_period(path: &Path, times: &[f64], of: &str) -> Result<f64, LogError> {
+    let mut steps: Vec<f64> = times
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|step| *step > 0.0 && step.is_finite())
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    let median = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+    if (1e-3..=1.0).contains(&median) {
+        return Ok(median);
+    }
+    Err(LogError::Period {
+        path: path.to_owned(),
+        found: format!("{median} s (median step of {of})"),
+        expected: "0.001 to 1 s".to_owned(),
+    })
 }
 
 /// Rows → stretches. A row that is not finite and a gap each end a stretch.

@@ -3,6 +3,7 @@
 
 use identify::command::{IdentifyError, identify};
 use identify::excitation::{Room, motion};
+use identify::log::bag::Topics;
 use identify::log::{Log, LogError};
 use plant_sim::truth::{Sensor, Truth, World};
 use robot::Robot;
@@ -59,7 +60,7 @@ fn table(folder: &TempDir, rows: &[[f64; 10]]) -> Result<PathBuf, Box<dyn Error>
 fn refused(rows: &[[f64; 10]]) -> Result<LogError, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    match identify(&[table(&folder, rows)?], &Robot::example(), &out, false) {
+    match identify(&[table(&folder, rows)?], &Topics::default(), &Robot::example(), &out, false) {
         Err(IdentifyError::Log(error)) => {
             assert!(!out.exists(), "{error}");
             Ok(error)
@@ -72,7 +73,13 @@ fn refused(rows: &[[f64; 10]]) -> Result<LogError, Box<dyn Error>> {
 fn a_table_becomes_a_robot_file_that_can_be_read_and_a_report() -> Outcome {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    identify(&[table(&folder, &rows([1.0; 3]))?], &Robot::example(), &out, false)?;
+    identify(
+        &[table(&folder, &rows([1.0; 3]))?],
+        &Topics::default(),
+        &Robot::example(),
+        &out,
+        false,
+    )?;
     let robot = graph::assembly::robot_of(&out.join("robot.toml"))?;
     let response = robot.response.ok_or("no response")?;
     // λ/(κ + f) of 22 kg, r = 50 mm; see plant-sim.
@@ -90,7 +97,13 @@ fn a_table_becomes_a_robot_file_that_can_be_read_and_a_report() -> Outcome {
 fn an_axis_that_does_not_move_keeps_what_the_robot_file_says() -> Outcome {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out");
-    identify(&[table(&folder, &rows([1.0, 0.0, 0.0]))?], &Robot::example(), &out, false)?;
+    identify(
+        &[table(&folder, &rows([1.0, 0.0, 0.0]))?],
+        &Topics::default(),
+        &Robot::example(),
+        &out,
+        false,
+    )?;
     let text = std::fs::read_to_string(out.join("robot.toml"))?;
     let robot = graph::assembly::robot_of(&out.join("robot.toml"))?;
     let constant = (15.0 * 0.05 * 0.05 / 4.0 + 2e-3) / 0.082;
@@ -107,7 +120,7 @@ fn gaps_and_numbers_that_are_none_are_left_out_and_named() -> Outcome {
     rows[100][4] = f64::NAN;
     rows.drain(300..320);
     rows.insert(420, rows[419]);
-    let log = Log::read(&[table(&folder, &rows)?])?;
+    let log = Log::read(&[table(&folder, &rows)?], &Topics::default())?;
     assert_eq!(log.stretches.len(), 3);
     assert_eq!(log.notes.len(), 3, "{:?}", log.notes);
     let lines = ["line 102", "line 302", "line 422"];
@@ -145,8 +158,8 @@ fn a_table_with_other_columns_is_refused_with_the_expected_ones() -> Outcome {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("log.csv");
     std::fs::write(&path, "t,x,y\n0,0,0\n0.1,0,0\n")?;
-    assert!(matches!(Log::read(&[path]), Err(LogError::Table { .. })));
+    assert!(matches!(Log::read(&[path], &Topics::default()), Err(LogError::Table { .. })));
     let missing = folder.path().join("none.csv");
-    assert!(matches!(Log::read(&[missing]), Err(LogError::Table { .. })));
+    assert!(matches!(Log::read(&[missing], &Topics::default()), Err(LogError::Table { .. })));
     Ok(())
 }

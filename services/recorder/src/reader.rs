@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Largest record in a file \[bytes\]: far above every chunk, so that a damaged length does not
 /// make this process allocate its memory.
-const RECORD_BYTES_MAX: usize = 1 << 26;
+pub const RECORD_BYTES_MAX: usize = 1 << 26;
 
 /// How a file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,9 +26,11 @@ pub enum Ending {
     Foreign,
 }
 
-/// Metadata of the run at the head of a file.
+/// Profile and metadata of the run at the head of a file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Head {
+    /// Profile of the file: [`segment::PROFILE`] in a record of ours.
+    pub profile: String,
     /// Name of its graph.
     pub graph: String,
     /// Source of the time: real time or lock step.
@@ -133,17 +135,23 @@ pub fn messages(
 pub fn head(path: &Path) -> io::Result<Head> {
     let mut file = BufReader::new(File::open(path)?);
     let mut reader = LinearReader::new_with_options(options());
+    let mut profile = String::new();
     while let Some(Ok(event)) = reader.next_event() {
         match event {
             LinearReadEvent::ReadRequest(need) => {
                 let read = file.read(reader.insert(need))?;
                 reader.notify_read(read);
             }
+            LinearReadEvent::Record { opcode: op::HEADER, data } => {
+                if let Ok(Record::Header(header)) = mcap::parse_record(op::HEADER, data) {
+                    profile = header.profile;
+                }
+            }
             LinearReadEvent::Record { opcode: op::METADATA, data } => {
                 if let Ok(Record::Metadata(said)) = mcap::parse_record(op::METADATA, data)
                     && said.name == "coxswain"
                 {
-                    return Ok(Head::of(&said));
+                    return Ok(Head { profile, ..Head::of(&said) });
                 }
             }
             // The metadata comes before the first message.
@@ -151,7 +159,7 @@ pub fn head(path: &Path) -> io::Result<Head> {
             LinearReadEvent::Record { .. } => {}
         }
     }
-    Ok(Head::default())
+    Ok(Head { profile, ..Head::default() })
 }
 
 impl Head {
@@ -161,6 +169,7 @@ impl Head {
             graph: word("graph"),
             pace: word("pace"),
             period_nanos: word("period_nanos").parse().ok().filter(|&nanos| nanos > 0),
+            ..Self::default()
         }
     }
 }

@@ -25,6 +25,9 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+/// Profile of a record's files.
+pub const PROFILE: &str = "coxswain";
+
 /// Longest time that a written message stays in this process \[ns\].
 const FLUSH_NANOS: u64 = 200_000_000;
 
@@ -115,7 +118,7 @@ impl Segment {
         // complete chunks.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
-            .profile("coxswain")
+            .profile(PROFILE)
             .disable_seeking(true)
             .create(BufWriter::new(file))?;
         let mut channels = [None; TOPIC_COUNT];

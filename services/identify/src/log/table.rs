@@ -1,6 +1,6 @@
 //! A table (CSV) → samples. One row per period, with [`COLUMNS`] in any order.
 
-use super::{Cutter, Log, LogError, Sample};
+use super::{Cutter, Log, LogError, Sample, median_period};
 use csv::{ReaderBuilder, StringRecord, Trim};
 use robot::{PerWheel, WHEELS_MAX};
 use serde::Deserialize;
@@ -36,7 +36,8 @@ pub(super) fn read(path: &Path) -> Result<Log, LogError> {
         let line = record.position().map_or(0, csv::Position::line);
         rows.push((line, row.sample(wheel_speeds(&record, &wheels))));
     }
-    let mut cutter = Cutter::new(path, median_step(path, &rows)?);
+    let times: Vec<f64> = rows.iter().map(|(_, row): &(u64, Sample)| row.time_s).collect();
+    let mut cutter = Cutter::new(path, median_period(path, &times, "time_s")?);
     for (line, sample) in rows {
         cutter.add(&format!("line {line}"), sample)?;
     }
@@ -56,25 +57,6 @@ fn wheel_speeds(record: &StringRecord, columns: &[usize]) -> Option<PerWheel> {
         *speed = record.get(column)?.parse().ok().filter(|speed: &f64| speed.is_finite())?;
     }
     (!columns.is_empty()).then_some(speeds)
-}
-
-/// Median time between two rows, so that single gaps do not matter \[s\].
-fn median_step(path: &Path, rows: &[(u64, Sample)]) -> Result<f64, LogError> {
-    let mut steps: Vec<f64> = rows
-        .windows(2)
-        .map(|pair| pair[1].1.time_s - pair[0].1.time_s)
-        .filter(|step| *step > 0.0 && step.is_finite())
-        .collect();
-    steps.sort_by(f64::total_cmp);
-    let median = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
-    if (1e-3..=1.0).contains(&median) {
-        return Ok(median);
-    }
-    Err(LogError::Period {
-        path: path.to_owned(),
-        found: format!("{median} s (median step of time_s)"),
-        expected: "0.001 to 1 s".to_owned(),
-    })
 }
 
 impl Row {
