@@ -9,7 +9,7 @@
 //! |------------|------------------------------------------------------------------------------|
 //! | `messages` | messages in memory and on the network, snapshots on disk                     |
 //! | `settings` | every TOML file                                                              |
-//! | `records`  | points of a reference, records, summaries                                    |
+//! | `records`  | points of a reference, records, summaries, bags of ROS 2                     |
 //! | `serial`   | lines of a base at a serial port                                             |
 //! | `others`   | what browsers and `coxswain set` ask for, who launched a graph, certificates |
 
@@ -60,6 +60,7 @@ pub const ALL: [(&str, Decoder); 24] = [
     ("points", records::points),
     ("record", records::record),
     ("summary", records::summary),
+    ("bag", records::bag),
     ("request", others::request),
     ("launcher", others::launcher),
     ("change", others::change),

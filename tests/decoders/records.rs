@@ -1,11 +1,14 @@
-//! The points of a reference, the record of a run, and its summary.
+//! The points of a reference, the record of a run, its summary, and bags of ROS 2.
 
 use super::settings::finite_along;
 use super::{Fate, Verdict, as_file, either, promise, refused};
 use controller::reference::{Heading, PathSettings, Reference, ReferenceSettings};
+use identify::log::Log;
+use identify::log::bag::Topics;
 use recorder::rows::Rows;
 use recorder::summary::Summary;
 use recorder::{export, report};
+use std::fs;
 use supervisor::closing::Closing;
 
 /// A file of points is refused with its name, or every number of its reference is finite.
@@ -80,5 +83,32 @@ pub(super) fn summary(bytes: &[u8]) -> Verdict {
             Ok(Fate::Used)
         }
         Err(error) => refused(&error.to_string()),
+    }
+}
+
+/// A bag is refused with its name, or every number of its samples is finite.
+pub(super) fn bag(bytes: &[u8]) -> Verdict {
+    // sqlite3 opens no file that exists only in memory.
+    let home = tempfile::tempdir().map_err(|error| format!("no folder: {error}"))?;
+    let file = home.path().join("bag");
+    fs::write(&file, bytes).map_err(|error| format!("no file: {error}"))?;
+    let wheel_joints = ["front", "left", "rear", "right"].map(str::to_owned).to_vec();
+    match Log::read(&[file.clone()], &Topics { wheel_joints, ..Topics::default() }) {
+        Ok(log) => {
+            for sample in log.stretches.iter().flatten() {
+                let wheels = sample.wheel_speed.unwrap_or_default();
+                let mut numbers =
+                    sample.pose.iter().chain(&sample.velocity).chain(&sample.input).chain(&wheels);
+                promise(numbers.all(|number| number.is_finite()), || format!("{sample:?}"))?;
+            }
+            Ok(if log.is_empty() { Fate::Refused } else { Fate::Used })
+        }
+        Err(error) => {
+            let text = error.to_string();
+            promise(text.contains(&file.display().to_string()), || {
+                format!("which file was meant? {text}")
+            })?;
+            refused(&text)
+        }
     }
 }

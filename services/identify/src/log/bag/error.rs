@@ -12,13 +12,13 @@ pub enum BagError {
     /// A file in its folder is of another kind.
     #[error("{}: expected a bag of ROS 2 (MCAP or sqlite3)", .0.display())]
     Foreign(PathBuf),
-    /// Chunks of an MCAP file are compressed by another method.
-    #[error("{}: compression {compression:?}: expected lz4, zstd or none", path.display())]
-    Chunks {
+    /// An MCAP file is damaged, or compressed by another method than LZ4 and Zstandard.
+    #[error("{}: {source}", path.display())]
+    Mcap {
         /// The file.
         path: PathBuf,
-        /// The compression.
-        compression: String,
+        /// The cause.
+        source: mcap::McapError,
     },
     /// A sqlite3 file is damaged, or of another kind.
     #[error("{}: {source}", path.display())]

@@ -34,9 +34,8 @@ pub(super) fn log(path: &Path, read: &Read) -> Result<Log, LogError> {
     let start = points.first().map_or(0, |point| point.nanos);
     let seconds = |nanos: i64| (nanos - start) as f64 * 1e-9;
     let times: Vec<f64> = points.iter().map(|point| seconds(point.nanos)).collect();
-    let period_s = median_period(path, &times, "odometry")?;
-    let period = (period_s * 1e9).round() as i64;
-    let mut cutter = Cutter::new(path, period_s);
+    let period = (1e9 * median_period(path, &times, "odometry")?).round() as i64;
+    let mut cutter = Cutter::new(path, period as f64 * 1e-9);
     for (place, what) in &read.notes {
         cutter.note(place, what);
     }
