@@ -41,7 +41,7 @@ pub type Verdict = Result<Fate, String>;
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
-pub const ALL: [(&str, Decoder); 24] = [
+pub const ALL: [(&str, Decoder); 25] = [
     ("frame", messages::frame),
     ("wire", messages::wire),
     ("snapshot_file", messages::snapshot_file),

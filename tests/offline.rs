@@ -4,6 +4,7 @@
 use graph::assembly::Assembly;
 use graph::options::Options;
 use identify::log::Log;
+use identify::log::bag::Topics;
 use offline::periods::passages;
 use process::Run;
 use promises::{Launched, Outcome, Record, binaries, graph_file, repository};
@@ -65,7 +66,7 @@ fn the_samples_of_a_record_are_those_that_the_controller_sent() -> Outcome {
     let assembly = assembly()?;
     let links = assembly.links("none", Path::new(""));
     let settings = assembly.controller(Run::new("", assembly.scenario.period_nanos(), links));
-    let passages = passages(&Log::read(std::slice::from_ref(&run))?, &settings);
+    let passages = passages(&Log::read(std::slice::from_ref(&run), &Topics::default())?, &settings);
     let ours: Vec<_> = passages.iter().flatten().map(|period| period.sample).collect();
     let record = Record::read(&run)?;
     let sent: Vec<_> = record.of("residual").filter(|it| it.count("usable") == 1).collect();

@@ -93,7 +93,7 @@ pub(super) fn bag(bytes: &[u8]) -> Verdict {
     let file = home.path().join("bag");
     fs::write(&file, bytes).map_err(|error| format!("no file: {error}"))?;
     let wheel_joints = ["front", "left", "rear", "right"].map(str::to_owned).to_vec();
-    match Log::read(&[file.clone()], &Topics { wheel_joints, ..Topics::default() }) {
+    match Log::read(std::slice::from_ref(&file), &Topics { wheel_joints, ..Topics::default() }) {
         Ok(log) => {
             for sample in log.stretches.iter().flatten() {
                 let wheels = sample.wheel_speed.unwrap_or_default();

@@ -32,7 +32,11 @@ pub struct IdentifyOptions {
     /// Drive the robot or simulator of this graph file first: steps and sines of velocity within a
     /// rectangle around the scenario's start pose. Look that the robot stands there, and that the
     /// rectangle is free.
-    #[arg(long, value_name = "GRAPH")]
+    #[arg(
+        long,
+        value_name = "GRAPH",
+        conflicts_with_all = ["odometry", "command", "wheel_joints"]
+    )]
     pub drive: Option<PathBuf>,
     /// Robot file with wheels and limits; with --drive by default that of the graph.
     #[arg(long, value_name = "FILE", required_unless_present = "drive")]

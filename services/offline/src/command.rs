@@ -9,6 +9,7 @@ use graph::assembly::{Assembly, robot_of};
 use graph::first_model;
 use graph::options::Options;
 use identify::command::{IdentifyError, check_speed};
+use identify::log::bag::Topics;
 use identify::log::{Log, LogError};
 use learner::fit::FailedFit;
 use learner::store::{self, StoreError};
@@ -27,6 +28,9 @@ pub struct LearnOptions {
     /// Records, run directories, or tables (.csv) of one robot.
     #[arg(value_name = "LOG", required = true)]
     pub logs: Vec<PathBuf>,
+    /// What is read of ROS 2 bags.
+    #[command(flatten)]
+    pub topics: Topics,
     /// Graph file: its robot, and the period and the learner of its scenario.
     #[arg(long, value_name = "GRAPH")]
     pub graph: PathBuf,
@@ -120,7 +124,7 @@ pub fn learn(options: &LearnOptions) -> Result<(), LearnError> {
         read_graph(&options.graph, options.scenario.as_deref(), options.robot.as_deref())?;
     let run = offline_run(&assembly);
     let (learner, controller) = (assembly.learner(run.clone()), assembly.controller(run));
-    let log = Log::read(&options.logs)?;
+    let log = Log::read(&options.logs, &options.topics)?;
     log.check()?;
     check_speed(&log, &assembly.robot)?;
     check_period(&log, &assembly)?;

@@ -86,7 +86,7 @@ fn a_request_is_the_same_after_its_text() -> Outcome {
 }
 
 #[test]
-fn goals_that_no_robot_can_do_are_refused() -> Outcome {
+fn goals_that_no_robot_can_do_are_refused() {
     let refused = |text: &str| GoalRequest::parse(text).err();
     assert!(matches!(refused("goal = 3"), Some(GoalError::Syntax { .. })));
     assert!(matches!(refused("[goal.pose]\nto = [1.0, 2.0]"), Some(GoalError::Syntax { .. })));
@@ -106,5 +106,4 @@ fn goals_that_no_robot_can_do_are_refused() -> Outcome {
         let shut = course(Demand::Hold {}, &Outlook { gate, ..driving() }).err();
         assert!(matches!(shut, Some(GoalError::Shut { state }) if state == gate));
     }
-    Ok(())
 }

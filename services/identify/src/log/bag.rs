@@ -52,15 +52,15 @@ const JOINTS: &str = "sensor_msgs/msg/JointState";
 #[derive(Debug, Clone, Default, Args)]
 pub struct Topics {
     /// In a ROS 2 bag: topic of the odometry (default: the only nav_msgs/msg/Odometry).
-    #[arg(long, value_name = "TOPIC", conflicts_with = "drive")]
+    #[arg(long, value_name = "TOPIC")]
     pub odometry: Option<String>,
     /// In a ROS 2 bag: topic of the commanded body velocity (default: the only Twist or
     /// TwistStamped of geometry_msgs).
-    #[arg(long, value_name = "TOPIC", conflicts_with = "drive")]
+    #[arg(long, value_name = "TOPIC")]
     pub command: Option<String>,
     /// In a ROS 2 bag: joints of the wheels, in the order of the robot file. Without it wheel speeds
     /// are not read.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "drive")]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub wheel_joints: Vec<String>,
     /// In a ROS 2 bag: topic of these joints (default: the only sensor_msgs/msg/JointState).
     #[arg(long, value_name = "TOPIC", requires = "wheel_joints")]
