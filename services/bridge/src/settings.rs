@@ -124,12 +124,12 @@ mod tests {
 
     #[test]
     fn a_topic_crosses_where_its_ends_are_on_different_hosts() {
-        use Topic::{Command, Health, Plan, Residual, Snapshot, State};
+        use Topic::{Command, Goal, Health, Plan, Residual, Snapshot, State};
         let (robot, control) = ([Plant, Recorder, Bridge], [Controller, Bridge]);
         assert_eq!(crossing(&robot, &control, true), [State, Health]);
-        assert_eq!(crossing(&control, &robot, true), [Command, Residual, Plan, Health]);
+        assert_eq!(crossing(&control, &robot, true), [Command, Residual, Plan, Health, Goal]);
         let learner = [Learner, Bridge];
-        assert_eq!(crossing(&control, &learner, true), [Residual, Plan, Health]);
+        assert_eq!(crossing(&control, &learner, true), [Residual, Plan, Health, Goal]);
         assert_eq!(crossing(&learner, &control, true), [Snapshot, Health]);
     }
 

@@ -136,6 +136,8 @@ pub struct Controller {
     /// Whether the robot holds its pose when a plant starts, in place of the reference.
     holds_at_start: bool,
     gate: GateState,
+    /// Deceleration of the gate's ramp, per axis \[m/s², m/s², rad/s²\].
+    brake: Velocity,
     period_s: f64,
 }
 
@@ -176,6 +178,10 @@ impl Controller {
             goal: GoalWatch::default(),
             holds_at_start: false,
             gate: GateState::Armed,
+            brake: {
+                let limits = &settings.robot.limits;
+                [limits.brake_mps2, limits.brake_mps2, limits.yaw_brake_radps2]
+            },
             period_s: settings.run.period_nanos as f64 * 1e-9,
         })
     }
@@ -222,7 +228,8 @@ impl Controller {
             self.start_over(state, handover, controller_epoch);
         }
         self.gate = state.gate();
-        self.planner.look_at_gate(self.gate, state.stamp.tick, &mut self.knowledge);
+        let braking = self.braking_periods(&state.velocity);
+        self.planner.look_at_gate(self.gate, state.stamp.tick, braking, &mut self.knowledge);
         let now = Measured { pose: state.pose, velocity: state.velocity };
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
@@ -257,6 +264,14 @@ impl Controller {
         self.before =
             seen.then(|| Before { tick: state.stamp.tick, state: self.knowledge.state() });
         sample
+    }
+
+    /// Time that the gate's ramp needs to a standstill \[periods\].
+    fn braking_periods(&self, velocity: &Velocity) -> f64 {
+        let periods = velocity.iter().zip(&self.brake).map(|(speed, brake)| {
+            if speed.is_finite() { speed.abs() / (brake * self.period_s) } else { 0.0 }
+        });
+        periods.fold(0.0, f64::max)
     }
 
     /// Whether the measurements are plausible.

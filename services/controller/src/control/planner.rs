@@ -162,10 +162,17 @@ impl Planner {
         self.clock = ReferenceClock::Holds(pose);
     }
 
-    /// The gate was in this state before `tick`. The reference waits while it is shut.
-    pub(super) fn look_at_gate(&mut self, gate: GateState, tick: u64, knowledge: &mut Knowledge) {
+    /// The gate was in this state before `tick`. While it is shut, the reference brakes and waits,
+    /// as the robot does, which needs `braking` periods to a standstill.
+    pub(super) fn look_at_gate(
+        &mut self,
+        gate: GateState,
+        tick: u64,
+        braking: f64,
+        knowledge: &mut Knowledge,
+    ) {
         let before = self.clock;
-        self.clock.look(gate, tick);
+        self.clock.look(gate, tick, braking);
         if self.clock != before {
             self.aim_again(knowledge);
         }

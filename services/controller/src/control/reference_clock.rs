@@ -1,4 +1,4 @@
-//! The time of the reference: it stands while the gate does not let the robot drive.
+//! The time of the reference: it brakes and stands with the robot while the gate is shut.
 
 use crate::reference::{Reference, ReferencePoint};
 use model::Pose;
@@ -13,10 +13,14 @@ pub(super) enum ReferenceClock {
     /// It is the plant's.
     #[default]
     Plant,
-    /// It stands.
-    Stands {
-        /// Its time \[periods\].
-        at: f64,
+    /// It brakes to a standstill.
+    Stops {
+        /// Its time when it began to brake \[periods\].
+        from: f64,
+        /// Tick at which it began.
+        since: u64,
+        /// Time to the standstill \[periods\].
+        ramp: f64,
     },
     /// It runs again.
     Runs {
@@ -30,12 +34,16 @@ pub(super) enum ReferenceClock {
 }
 
 impl ReferenceClock {
-    /// The clock for `tick`, when the gate was in the state `gate` before it.
-    pub(super) fn look(&mut self, gate: GateState, tick: u64) {
+    /// The clock for `tick`, when the gate was in the state `gate` before it, and the robot needs
+    /// `braking` periods to a standstill.
+    pub(super) fn look(&mut self, gate: GateState, tick: u64, braking: f64) {
         let is_shut = matches!(gate, GateState::Disarmed | GateState::Stopped);
+        let from = self.time(tick).0;
         *self = match (*self, is_shut) {
-            (Self::Plant | Self::Runs { .. }, true) => Self::Stands { at: self.time(tick).0 },
-            (Self::Stands { at }, false) => Self::Runs { from: at, since: tick },
+            (Self::Plant | Self::Runs { .. }, true) => {
+                Self::Stops { from, since: tick, ramp: braking }
+            }
+            (Self::Stops { .. }, false) => Self::Runs { from, since: tick },
             (same, _) => same,
         };
     }
@@ -44,7 +52,14 @@ impl ReferenceClock {
     fn time(self, tick: u64) -> (f64, f64) {
         match self {
             Self::Plant | Self::Holds(_) => (tick as f64, 1.0),
-            Self::Stands { at } => (at, 0.0),
+            Self::Stops { from, since, ramp } => {
+                let run = tick.saturating_sub(since) as f64;
+                if run < ramp {
+                    (from + run - 0.5 * run * run / ramp, 1.0 - run / ramp)
+                } else {
+                    (from + 0.5 * ramp, 0.0)
+                }
+            }
             Self::Runs { from, since } => {
                 let (run, ramp) = (tick.saturating_sub(since) as f64, RAMP_TICKS as f64);
                 if run < ramp {
@@ -98,27 +113,27 @@ mod tests {
     }
 
     #[test]
-    fn the_reference_waits_while_the_gate_is_shut_and_then_starts_from_rest() {
+    fn the_reference_brakes_with_the_robot_and_starts_again_from_rest() {
         let (mut clock, reference) = (ReferenceClock::default(), line());
         for tick in 0..10 {
-            clock.look(GateState::Driving, tick);
+            clock.look(GateState::Driving, tick, 8.0);
             assert_eq!(clock.point(&reference, tick), reference.at(tick));
         }
         for tick in 10..50 {
-            clock.look(GateState::Stopped, tick);
-            let point = clock.point(&reference, tick + 5);
-            assert_eq!((point.pose[0], point.velocity), (10.0, [0.0; 3]), "tick {tick}");
+            clock.look(GateState::Stopped, tick, 8.0);
+            let point = clock.point(&reference, tick + 8);
+            assert_eq!((point.pose[0], point.velocity), (14.0, [0.0; 3]), "tick {tick}");
         }
-        let mut before = 10.0;
+        let mut before = 14.0;
         for tick in 50..120 {
-            clock.look(GateState::Armed, tick);
+            clock.look(GateState::Armed, tick, 0.0);
             let point = clock.point(&reference, tick);
             let moved = point.pose[0] - before;
             assert!((0.0..=1.0).contains(&moved), "tick {tick}: {moved}");
             assert!((point.velocity[0] - moved).abs() < 0.04, "tick {tick}: {moved}");
             before = point.pose[0];
         }
-        assert_eq!(clock.point(&reference, 120).pose[0], 120.0 - 40.0 - 10.0);
+        assert_eq!(clock.point(&reference, 120).pose[0], 120.0 - 36.0 - 10.0);
     }
 
     #[test]
