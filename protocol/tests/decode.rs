@@ -6,9 +6,9 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, prop_oneof, proptest};
 use proptest::strategy::{Just, Strategy};
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, ERROR_TEXT_MAX, Exposure, FallbackLevel, GateState, HORIZON_MAX, Health,
-    INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
-    ResidualSample, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
+    Command, Credit, ERROR_TEXT_MAX, Exposure, FallbackLevel, GateState, Goal, GoalKind, GoalPhase,
+    HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState,
+    Reason, ResidualSample, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::{VERSION, message};
 
@@ -33,7 +33,7 @@ fn reread<T: Message>(bytes: &[u8]) -> Result<Vec<u8>, DecodeError> {
 }
 
 /// Decodes `bytes` as each kind of message.
-fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 8] {
+fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 9] {
     [
         reread::<PlantState>(bytes),
         reread::<Command>(bytes),
@@ -43,6 +43,7 @@ fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 8] {
         reread::<Plan>(bytes),
         reread::<Health>(bytes),
         reread::<ModelSnapshot>(bytes),
+        reread::<Goal>(bytes),
     ]
 }
 
@@ -91,6 +92,10 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<ResidualSample>(|sample, choice| sample.usable = choice % 2),
         fixed::<Credit>(|credit, choice| {
             credit.participant = pick(Participant::ALL, choice).code();
+        }),
+        fixed::<Goal>(|goal, choice| {
+            goal.kind = pick(GoalKind::ALL, choice).code();
+            goal.phase = pick(GoalPhase::ALL, choice).code();
         }),
         fixed::<Truth>(|truth, choice| {
             truth.fallback_level = pick(FallbackLevel::ALL, choice).code();

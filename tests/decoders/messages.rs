@@ -14,7 +14,7 @@ use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, M
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample,
+    Command, Credit, Goal, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample,
     SnapshotHead, Truth,
 };
 use protocol::view::View;
@@ -43,6 +43,7 @@ fn framed(bytes: &[u8]) -> Verdict {
         shown(frame::decode::<Health>(bytes), bytes)?,
         shown(frame::decode::<ModelSnapshot>(bytes), bytes)?,
         shown(frame::decode::<Credit>(bytes), bytes)?,
+        shown(frame::decode::<Goal>(bytes), bytes)?,
     ];
     Ok(fates.into_iter().fold(Fate::Refused, either))
 }
@@ -113,6 +114,7 @@ fn wired(bytes: &[u8]) -> Verdict {
         settled::<Plan>(bytes)?,
         settled::<Health>(bytes)?,
         settled::<ModelSnapshot>(bytes)?,
+        settled::<Goal>(bytes)?,
     ];
     Ok(fates.into_iter().fold(Fate::Refused, either))
 }

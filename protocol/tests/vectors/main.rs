@@ -403,6 +403,7 @@ macro_rules! for_every_message {
         $act::<Plan>($($argument),*)?;
         $act::<Health>($($argument),*)?;
         $act::<ModelSnapshot>($($argument),*)?;
+        $act::<Goal>($($argument),*)?;
     };
 }
 
@@ -472,7 +473,7 @@ fn every_kind_is_used_once() {
     let mut kinds = Kinds::default();
     visit_all(&mut kinds);
     kinds.0.sort_unstable();
-    assert_eq!(kinds.0, [1, 2, 3, 4, 5, 6, 7, 8]);
+    assert_eq!(kinds.0, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
 }
 
 #[test]
