@@ -5,6 +5,7 @@ use promises::{Launched, Message, Outcome, Record, binaries, signal};
 use rustix::process::Signal;
 use std::error::Error;
 use std::fs;
+use std::io::{self, Write};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
@@ -96,6 +97,13 @@ fn a_goal_in_motion_takes_over_without_a_jump_and_the_robot_stands_at_it() -> Ou
     let until = reached.stamp("tick");
     let over = record.of("truth").filter(|truth| truth.stamp("tick") < until);
     let over = over.map(|truth| truth.numbers("pose")[0] - 1.0).fold(0.0, f64::max);
+    writeln!(
+        io::stdout(),
+        "at the goal {:.2} mm and {:.3} deg off, overshoot {:.2} mm",
+        1e3 * off,
+        turned.to_degrees(),
+        1e3 * over
+    )?;
     assert!(over < STANDS.2, "overshoot {over} m");
 
     let references = record.of("plan").map(reference).collect::<Result<Vec<_>, _>>()?;

@@ -53,6 +53,12 @@ function showHead() {
 function showCompared(since) {
   const { compared, without, plans } = store;
   if (!compared) return;
+  if (store.goal) {
+    // The run without learning has no goal.
+    show("compared", "–", "");
+    show("compared-more", "the robot follows a goal, which the run without learning has not");
+    return;
+  }
   const end = without.length ? latest(without)[0] : 0;
   const both = plans.filter((row) => row[P.t] <= end + 1e-6);
   const past = without.filter((row) => row[0] <= now() + 1e-6);

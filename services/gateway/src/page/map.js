@@ -157,7 +157,8 @@ function drawGoal(pen, eye) {
   pen.lineTo(px + 1.5 * radius * Math.cos(target[2]), py - 1.5 * radius * Math.sin(target[2]));
   pen.stroke();
   pen.fillStyle = colours.ink;
-  const rest = `${Math.round(100 * progress)} %, ${left[0].toFixed(2)} m, ${left[1].toFixed(1)} s left`;
+  const [way, time] = [left[0].toFixed(2), left[1].toFixed(1)];
+  const rest = `${Math.round(100 * progress)} %, ${way} m, ${time} s left`;
   pen.fillText(`goal ${id} (${kind}): ${phase === "active" ? rest : phase}`, 12, 22);
 }
 
@@ -182,8 +183,8 @@ function drawMap(canvas, view, still) {
     line(pen, beside(reference, offset).map(eye.to), colours.bad, 1.5);
   }
   line(pen, reference.map(eye.to), colours.reference, 9);
-  drawWithout(pen, eye);
   if (store.goal) drawGoal(pen, eye);
+  else drawWithout(pen, eye);
   line(pen, [...store.path.map(eye.to), eye.to(pose)], colours.with, 2.5);
   let spread = "";
   if (horizon) {

@@ -28,7 +28,8 @@ const store = {
 
 // A new epoch of the plant: its time starts at zero.
 function startRun(run) {
-  Object.assign(store, { run, states: [], plans: [], path: [], horizon: null, goal: null, compared: null });
+  const none = { horizon: null, goal: null, compared: null };
+  Object.assign(store, { run, states: [], plans: [], path: [], ...none });
 }
 
 function append(rows, more) {
