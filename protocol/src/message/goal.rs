@@ -4,8 +4,8 @@ use super::define::message;
 use super::{GoalKind, GoalPhase};
 
 message! {
-    /// The present goal, several times a second and at each change of its phase. Without a goal, the
-    /// robot follows the reference of its scenario, and nothing is published.
+    /// The present goal, several times a second and at each change of its phase. Without a goal,
+    /// the robot follows the reference of its scenario, and nothing is published.
     Goal = 9 {
         /// Number of the goal: that of the request with which it was given.
         id: u64,
@@ -17,6 +17,8 @@ message! {
         ends_at_tick: u64,
         /// Pose at its end (x, y, yaw) \[m, m, rad\].
         target: [f64; 3],
+        /// Share of its time that has passed, from 0 to 1. It stands while the gate is shut.
+        progress: f64,
         /// Way that the reference still has to its end \[m\].
         left_m: f64,
         /// Time that it still takes \[s\].
@@ -37,12 +39,5 @@ impl Goal {
     /// Phase of the goal.
     pub fn phase(&self) -> GoalPhase {
         GoalPhase::try_from(self.phase).unwrap_or(GoalPhase::Aborted)
-    }
-
-    /// Time that has passed per time that the goal takes, from 0 to 1.
-    pub fn progress(&self) -> f64 {
-        let whole = self.ends_at_tick.saturating_sub(self.begins_at_tick);
-        let done = self.stamp.tick.saturating_sub(self.begins_at_tick);
-        if whole == 0 { 1.0 } else { (done as f64 / whole as f64).min(1.0) }
     }
 }

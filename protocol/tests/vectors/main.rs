@@ -193,6 +193,7 @@ examples! {
             begins_at_tick: 1000,
             ends_at_tick: 1100,
             target: [2.0, 1.0, 1.5],
+            progress: 0.5,
             left_m: 1.25,
             left_s: 1.2,
             kind: GoalKind::Pose.code(),

@@ -39,6 +39,7 @@ use protocol::message::{
     Command, FallbackLevel, GateState, Goal, Plan, PlantState, Reason, ResidualSample,
 };
 use publisher::Publisher;
+use robot::Limits;
 use tuning::Tuned;
 
 /// The controller could not be set up.
@@ -136,8 +137,8 @@ pub struct Controller {
     /// Whether the robot holds its pose when a plant starts, in place of the reference.
     holds_at_start: bool,
     gate: GateState,
-    /// Deceleration of the gate's ramp, per axis \[m/s², m/s², rad/s²\].
-    brake: Velocity,
+    /// Limits of the inputs, and of the gate's ramp.
+    limits: Limits,
     period_s: f64,
 }
 
@@ -178,10 +179,7 @@ impl Controller {
             goal: GoalWatch::default(),
             holds_at_start: false,
             gate: GateState::Armed,
-            brake: {
-                let limits = &settings.robot.limits;
-                [limits.brake_mps2, limits.brake_mps2, limits.yaw_brake_radps2]
-            },
+            limits: settings.robot.limits,
             period_s: settings.run.period_nanos as f64 * 1e-9,
         })
     }
@@ -268,8 +266,13 @@ impl Controller {
 
     /// Time that the gate's ramp needs to a standstill \[periods\].
     fn braking_periods(&self, velocity: &Velocity) -> f64 {
-        let periods = velocity.iter().zip(&self.brake).map(|(speed, brake)| {
-            if speed.is_finite() { speed.abs() / (brake * self.period_s) } else { 0.0 }
+        let Limits { input_mps, yaw_input_radps, brake_mps2, yaw_brake_radps2, .. } = self.limits;
+        let top = [(input_mps, brake_mps2), (input_mps, brake_mps2)];
+        let axes = top.into_iter().chain([(yaw_input_radps, yaw_brake_radps2)]);
+        let periods = velocity.iter().zip(axes).map(|(speed, (top, brake))| {
+            // A measurement that is not possible is not believed.
+            let speed = speed.abs();
+            if speed <= 2.0 * top { speed / (brake * self.period_s) } else { 0.0 }
         });
         periods.fold(0.0, f64::max)
     }
@@ -321,7 +324,7 @@ impl Controller {
         if self.goal.has_goal() {
             let reference_tick = self.planner.reference_tick(tick);
             let reference = self.planner.reference();
-            self.goal.look(tick, reference_tick, self.period_s, &measured, reference);
+            self.goal.look(reference_tick, self.period_s, &measured, reference);
         }
         let Decision { fallback_level, reason, .. } = decision;
         if self.publisher.settle(&decision) {
@@ -463,8 +466,9 @@ impl Controller {
         self.planner.write_ahead(outlook)
     }
 
-    /// Follows `course` from the answer to `tick` on. False if it is too late for that: then nothing
-    /// has changed. What is no longer needed is in `course` afterwards. Does not allocate or free.
+    /// Follows `course` from the answer to `tick` on. False if it is too late for that: then
+    /// nothing has changed. What is no longer needed is in `course` afterwards. Does not allocate or
+    /// free.
     pub fn follow(&mut self, course: &mut Course, tick: u64) -> bool {
         let goal = &course.goal;
         let is_due = (goal.begins_at_tick..=course.latest_tick).contains(&tick);

@@ -6,9 +6,9 @@
 //!                    ◀── Course: reference from now on ──────────────
 //! ```
 //! A goal becomes a table of reference points, made beside the control thread. It begins with the
-//! points of the present reference, for as long as the exchange may take. From there it goes on with
-//! their velocity and acceleration. Where the robot is far from its reference, it begins at the
-//! robot.
+//! points of the present reference, for as long as the exchange may take. From there it goes on
+//! with their velocity and acceleration. Where the robot is far from its reference, it begins at
+//! the robot.
 
 use crate::reference::{Reference, ReferencePoint};
 use model::{Pose, Velocity, wrap};
@@ -21,6 +21,7 @@ use process::requests::GOAL_MARK;
 use protocol::message::{GateState, Goal, GoalKind, GoalPhase};
 use robot::Robot;
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 
 /// Distance from the reference above which a goal begins at the robot \[m\], and heading \[rad\].
 const NEAR: (f64, f64) = (0.2, 0.3);
@@ -28,6 +29,8 @@ const NEAR: (f64, f64) = (0.2, 0.3);
 const EXCHANGE_S: f64 = 0.1;
 /// Longest time for which a velocity can be valid \[s\].
 pub const VELOCITY_VALID_MAX_S: f64 = 60.0;
+/// Range of each limit that a request states.
+const LIMITS: RangeInclusive<f64> = 1e-3..=1e4;
 /// Longest motion \[s\].
 const MOTION_MAX_S: f64 = 1e4;
 
@@ -80,7 +83,11 @@ pub enum GoalError {
         reason: String,
     },
     /// A limit that no robot can have.
-    #[error("limits.{key} = {value}: expected a positive number")]
+    #[error(
+        "limits.{key} = {value}: expected a number from {} to {}",
+        LIMITS.start(),
+        LIMITS.end()
+    )]
     Limit {
         /// The limit.
         key: &'static str,
@@ -139,7 +146,7 @@ impl GoalRequest {
             ("acceleration_mps2", limits.acceleration_mps2),
             ("yaw_acceleration_radps2", limits.yaw_acceleration_radps2),
         ] {
-            if let Some(value) = value.filter(|value| !(1e-3..=1e4).contains(value)) {
+            if let Some(value) = value.filter(|value| !LIMITS.contains(value)) {
                 return Err(GoalError::Limit { key, value });
             }
         }
@@ -194,7 +201,8 @@ pub struct Course {
     pub left_m: Vec<f64>,
     /// The goal.
     pub goal: Goal,
-    /// Last tick from which on it can be used without a jump.
+    /// Last tick from which on it can be used: until then it is the reference before, or the robot
+    /// has hardly moved.
     pub latest_tick: u64,
 }
 
@@ -215,7 +223,8 @@ impl Course {
         }
         let limits = Limits::of(robot).stricter(&request.limits);
         let (mut points, begin) = lead(outlook, period_s);
-        let lead_ticks = points.len();
+        // A motion that begins at the robot is behind it by as much when it is taken.
+        let taken_within = if points.is_empty() { exchange_ticks(period_s) } else { points.len() };
         let mut course = points.last().map_or(outlook.pose[2], |point| point.course);
         for motion in motions(&request.goal, &begin, &limits)? {
             if motion.duration_s() > MOTION_MAX_S {
@@ -238,7 +247,7 @@ impl Course {
         (goal.kind, goal.phase) = (request.goal.kind().code(), GoalPhase::Active.code());
         Ok(Self {
             left_m: way_left(&points),
-            latest_tick: outlook.tick + lead_ticks.max(exchange_ticks(period_s)) as u64,
+            latest_tick: outlook.tick + taken_within as u64,
             reference: Reference::of_points(points, outlook.tick),
             goal,
         })

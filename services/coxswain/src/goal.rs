@@ -23,7 +23,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 /// The run, and how to wait.
 #[derive(Debug, Clone, Args)]
 pub struct GoalOptions {
-    /// Largest speed on the way \[m/s\]; by default, and at most, 70 % of what the wheels can do.
+    /// Largest speed on the way \[m/s\]; by default, and at most, 70 % of that of the robot file.
     #[arg(long, value_name = "M/S")]
     pub speed: Option<f64>,
     /// Return when the controller has accepted the goal, not when the robot stands there.
@@ -211,7 +211,7 @@ impl Wait {
 
 /// How far the robot is.
 fn line(goal: &Goal, state: Option<&PlantState>) -> String {
-    let (percent, left_m, left_s) = (100.0 * goal.progress(), goal.left_m, goal.left_s);
+    let (percent, left_m, left_s) = (100.0 * goal.progress, goal.left_m, goal.left_s);
     let gate = state.map_or(GateState::Driving, PlantState::gate);
     let waits = match gate {
         GateState::Driving | GateState::Armed => String::new(),

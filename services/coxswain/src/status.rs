@@ -181,7 +181,7 @@ impl From<&Goal> for GoalStatus {
             kind: goal.kind().text(),
             phase: goal.phase().text(),
             target: goal.target,
-            progress: goal.progress(),
+            progress: goal.progress,
             left_m: goal.left_m,
             left_s: goal.left_s,
         }

@@ -2,8 +2,8 @@
 //! `cargo bench -p driver --bench stop_latency [-- TRIALS]`.
 //!
 //! Each trial writes the request as `coxswain stop` does, to a driver that runs as in its process.
-//! A controller answers every state with 1 m/s. The time ends when the base gets less than that. The
-//! start of the command `coxswain` itself is not part of it.
+//! A controller answers every state with 1 m/s. The time ends when the base gets less than that.
+//! The start of the command `coxswain` itself is not part of it.
 
 #![expect(clippy::print_stdout, reason = "figures are what a bench is for")]
 
@@ -140,8 +140,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let beyond = nanos.iter().filter(|&&nanos| nanos > PERIOD_NANOS).count();
     println!(
-        "stop → first braking output, {} trials, T = {} ms: {:.1} ms p50, {:.1} ms p99, {:.1} ms at \
-         most; {beyond} above T",
+        "stop → first braking output, {} trials, T = {} ms: {:.1} ms p50, {:.1} ms p99, {:.1} ms \
+         at most; {beyond} above T",
         nanos.len(),
         PERIOD_NANOS / 1_000_000,
         share(50),

@@ -4,8 +4,8 @@
 //! RUN/set/plant-000001.json ──▶ thread of orders ── order ──▶ control thread: Gate::order
 //!                               answer ◀─────────── tick ◀──┘
 //! ```
-//! The thread reads and writes the files. The control thread reads one number whenever it wakes, and
-//! replies with another.
+//! The thread reads and writes the files. The control thread reads one number whenever it wakes,
+//! and replies with another.
 
 use gate::{Order, OrderError};
 use process::requests::{Inbox, NotAsked, Outcome, Request, Settled};

@@ -177,6 +177,7 @@ class Goal:
     begins_at_tick: Annotated[int, U64]
     ends_at_tick: Annotated[int, U64]
     target: Annotated[tuple[float, ...], numbers(3)]
+    progress: Annotated[float, REAL]
     left_m: Annotated[float, REAL]
     left_s: Annotated[float, REAL]
     kind: Annotated[int, varint(4)]

@@ -30,7 +30,8 @@ impl GoalWatch {
 
     /// Takes the goal of `course`. The memory of the one before goes into `course`.
     pub(super) fn follow(&mut self, course: &mut Course) {
-        self.end(GoalPhase::Preempted);
+        let active = self.goal.filter(|goal| goal.phase() == GoalPhase::Active);
+        self.ended = active.map(|goal| Goal { phase: GoalPhase::Preempted.code(), ..goal });
         self.goal = Some(course.goal);
         std::mem::swap(&mut self.left_m, &mut course.left_m);
         self.is_new = true;
@@ -38,21 +39,15 @@ impl GoalWatch {
 
     /// The plant has restarted, and counts its ticks anew.
     pub(super) fn abort(&mut self) {
-        self.end(GoalPhase::Aborted);
         if let Some(goal) = &mut self.goal {
             goal.phase = GoalPhase::Aborted.code();
+            self.is_new = true;
         }
     }
 
-    fn end(&mut self, phase: GoalPhase) {
-        let active = self.goal.filter(|goal| goal.phase() == GoalPhase::Active);
-        self.ended = active.map(|goal| Goal { phase: phase.code(), ..goal }).or(self.ended);
-    }
-
-    /// Looks where the robot is at `tick`, when the time of the reference is `reference_tick`.
+    /// Looks where the robot is when the time of the reference is `reference_tick`.
     pub(super) fn look(
         &mut self,
-        tick: u64,
         reference_tick: u64,
         period_s: f64,
         robot: &State,
@@ -62,11 +57,12 @@ impl GoalWatch {
         else {
             return;
         };
-        goal.stamp.tick = tick;
         let done = reference_tick.saturating_sub(goal.begins_at_tick) as usize;
         goal.left_m = self.left_m.get(done).copied().unwrap_or(0.0);
         let left = goal.ends_at_tick.saturating_sub(reference_tick);
         goal.left_s = left as f64 * period_s;
+        let whole = goal.ends_at_tick.saturating_sub(goal.begins_at_tick);
+        goal.progress = 1.0 - left as f64 / whole.max(1) as f64;
         if goal.phase() == GoalPhase::Active && left == 0 && stands(robot, reference, goal) {
             goal.phase = GoalPhase::Reached.code();
             self.is_new = true;
@@ -76,13 +72,15 @@ impl GoalWatch {
     /// What is to be told of the goals: each change of a phase, and the present goal every
     /// `every` ticks.
     pub(super) fn told(&mut self, tick: u64, every: u64) -> Option<Goal> {
-        if let Some(mut ended) = self.ended.take() {
-            ended.stamp.tick = tick;
-            return Some(ended);
-        }
         let is_due = self.is_new || tick >= self.told_at + every || tick < self.told_at;
-        let goal = self.goal.filter(|_| is_due)?;
-        (self.is_new, self.told_at) = (false, tick);
+        let mut goal = if let Some(ended) = self.ended.take() {
+            ended
+        } else {
+            let goal = self.goal.filter(|_| is_due)?;
+            (self.is_new, self.told_at) = (false, tick);
+            goal
+        };
+        goal.stamp.tick = tick;
         Some(goal)
     }
 }
@@ -95,3 +93,6 @@ fn stands(robot: &State, reference: &Reference, goal: &Goal) -> bool {
         && forward.hypot(left) <= ARRIVED.2
         && rate.abs() <= ARRIVED.3
 }
+
+#[cfg(test)]
+mod tests;

@@ -51,7 +51,7 @@ fn an_oracle_without_foresight_is_refused() {
     assert!(matches!(Controller::new(&settings), Err(ControllerError::NoForesight)));
 }
 
-fn state(tick: u64) -> PlantState {
+pub(super) fn state(tick: u64) -> PlantState {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
     state.gate = GateState::Driving.code();
     (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
@@ -61,7 +61,7 @@ fn state(tick: u64) -> PlantState {
     state
 }
 
-fn answer(controller: &mut Controller, state: &PlantState) -> Command {
+pub(super) fn answer(controller: &mut Controller, state: &PlantState) -> Command {
     let handover = Handover::default();
     controller.observe(state, &handover, 1);
     *controller.answer(state, &handover)
@@ -139,10 +139,10 @@ fn a_plant_of_another_epoch_begins_without_memory() -> Result<(), Box<dyn std::e
 const PERIOD_NANOS: u64 = 100_000_000;
 
 /// A robot that matches the belief, behind its gate.
-struct Robotic {
-    controller: Controller,
+pub(super) struct Robotic {
+    pub(super) controller: Controller,
     gate: Gate,
-    state: State,
+    pub(super) state: State,
     input: Velocity,
     fallback_level: FallbackLevel,
     /// State at which its sensors are stuck.
@@ -150,7 +150,7 @@ struct Robotic {
 }
 
 impl Robotic {
-    fn new(settings: &Settings) -> Result<Self, ControllerError> {
+    pub(super) fn new(settings: &Settings) -> Result<Self, ControllerError> {
         let gate = Gate::new(Bounds::new(&settings.robot, PERIOD_NANOS, 0), 1);
         Ok(Self {
             controller: Controller::new(settings)?,
@@ -163,7 +163,7 @@ impl Robotic {
     }
 
     /// One period: the gate's decision on the answer, and the answer.
-    fn drive(&mut self, tick: u64) -> (Result<(), Reason>, Command) {
+    pub(super) fn drive(&mut self, tick: u64) -> (Result<(), Reason>, Command) {
         self.gate.begin_period(tick, tick * PERIOD_NANOS);
         let seen = self.stuck.unwrap_or(self.state);
         let mut measured = state(tick);

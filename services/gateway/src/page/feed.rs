@@ -337,7 +337,7 @@ impl GoalRow {
             kind: goal.kind().text(),
             phase: goal.phase().text(),
             target: goal.target.map(round),
-            progress: round(goal.progress()),
+            progress: round(goal.progress),
             left: [goal.left_m, goal.left_s].map(round),
         }
     }

@@ -102,7 +102,8 @@ fn a_goal_is_shown_to_late_viewers_and_each_change_of_its_phase_is_an_entry() ->
     let folder = tempfile::tempdir()?;
     let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
     page.feed().hear_state(&state(0, 1, FallbackLevel::FreshPlan));
-    let mut goal = Goal { id: 3, target: [2.0, 1.0, 0.5], left_m: 1.5, ..Goal::zeroed() };
+    let mut goal =
+        Goal { id: 3, target: [2.0, 1.0, 0.5], left_m: 1.5, progress: 0.5, ..Goal::zeroed() };
     goal.kind = GoalKind::Pose.code();
     page.feed().hear_goal(&goal);
     page.feed().hear_goal(&goal);
@@ -111,7 +112,7 @@ fn a_goal_is_shown_to_late_viewers_and_each_change_of_its_phase_is_an_entry() ->
     let (_, hello) = tab.event()?;
     let expected = serde_json::json!({
         "id": 3, "kind": "pose", "phase": "active", "target": [2.0, 1.0, 0.5],
-        "progress": 1.0, "left": [1.5, 0.0],
+        "progress": 0.5, "left": [1.5, 0.0],
     });
     assert_eq!((&hello["goal"], length(&hello["entries"])), (&expected, 1));
     goal.phase = GoalPhase::Reached.code();

@@ -59,7 +59,7 @@ fn goal_text(goal: &Goal) -> String {
     let (id, kind) = (goal.id, goal.kind());
     match goal.phase() {
         GoalPhase::Active => {
-            format!("{id} ({kind}): {:.0} %, {:.2} m left", 100.0 * goal.progress(), goal.left_m)
+            format!("{id} ({kind}): {:.0} %, {:.2} m left", 100.0 * goal.progress, goal.left_m)
         }
         phase => format!("{id} ({kind}): {phase}"),
     }
