@@ -9,12 +9,14 @@ use coxswain::joined::JoinError;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
 use coxswain::router::RouterOptions;
-use coxswain::set::{SetError, SetOptions};
+use coxswain::set::{self, SetError, SetOptions};
 use coxswain::status::{self, StatusOptions};
 use gate::Order;
 use graph::options::Options;
 use runs::registry;
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
+use std::fmt::Display;
+use std::path::Path;
 use std::process::ExitCode;
 use std::{io, thread};
 use supervisor::launch::{LaunchError, WithoutLearning};
@@ -64,8 +66,8 @@ enum Command {
     ///
     /// This is no emergency stop: that belongs between battery and wheels.
     ///
-    /// Exit code 0 if the gate has stopped, 1 if there is no run to stop or the plant does not reply,
-    /// 2 in lock step, which takes no orders.
+    /// Exit code 0 if the gate has stopped, 1 if there is no run to stop or the plant does not
+    /// reply, 2 in lock step, which takes no orders.
     Stop(OrderOptions),
     /// Drive to a pose, by the shorter turn, and stand there.
     ///
@@ -107,74 +109,43 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    let base = registry::base();
     match Arguments::parse().command {
         Command::Launch(options) => launch(&options),
         Command::Router(options) => router(&options),
-        Command::Set(options) => set(coxswain::set::run(&options, &registry::base())),
-        Command::Resume(options) => set(order::run(Order::Resume, &options, &registry::base())),
-        Command::Go(options) => gone(goal::go(&options, &registry::base())),
-        Command::Hold(options) => gone(goal::hold(&options, &registry::base())),
-        Command::Follow(options) => gone(goal::follow(&options, &registry::base())),
-        Command::Drive(options) => gone(goal::drive(&options, &registry::base())),
-        Command::Status(options) => asked(status::run(&options, &registry::base())),
-        Command::Stop(options) => set(order::run(Order::Stop, &options, &registry::base())),
-        Command::Arm(options) => set(order::run(Order::Arm, &options, &registry::base())),
-        Command::Report(options) => made(records::report(&options)),
-        Command::Export(options) => made(records::export(&options)),
+        Command::Set(options) => ended(set::run(&options, &base), SetError::exit_code),
+        Command::Arm(options) => order(Order::Arm, &options, &base),
+        Command::Resume(options) => order(Order::Resume, &options, &base),
+        Command::Stop(options) => order(Order::Stop, &options, &base),
+        Command::Go(options) => ended(goal::go(&options, &base), GoalError::exit_code),
+        Command::Hold(options) => ended(goal::hold(&options, &base), GoalError::exit_code),
+        Command::Follow(options) => ended(goal::follow(&options, &base), GoalError::exit_code),
+        Command::Drive(options) => ended(goal::drive(&options, &base), GoalError::exit_code),
+        Command::Status(options) => ended(status::run(&options, &base), JoinError::exit_code),
+        Command::Report(options) => ended(records::report(&options), RecordsError::exit_code),
+        Command::Export(options) => ended(records::export(&options), RecordsError::exit_code),
         #[cfg(feature = "workbench")]
         Command::Workbench(command) => workbench::run(&command),
     }
 }
 
 fn router(options: &RouterOptions) -> ExitCode {
-    match coxswain::router::configuration(options) {
-        Ok(configuration) => {
-            terminal::print(format_args!("{configuration:#}"));
-            ExitCode::SUCCESS
-        }
-        Err(error) => {
-            Terminal::new().say(format_args!("coxswain: {error}"));
-            ExitCode::from(2)
-        }
-    }
+    let printed = coxswain::router::configuration(options)
+        .map(|configuration| terminal::print(format_args!("{configuration:#}")));
+    ended(printed, |_| 2)
 }
 
-fn set(outcome: Result<(), SetError>) -> ExitCode {
+fn order(order: Order, options: &OrderOptions, base: &Path) -> ExitCode {
+    ended(order::run(order, options, base), SetError::exit_code)
+}
+
+/// Ends a command: says its error, and returns its exit code.
+fn ended<E: Display>(outcome: Result<(), E>, code: impl Fn(&E) -> u8) -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));
-            ExitCode::from(error.exit_code())
-        }
-    }
-}
-
-fn gone(outcome: Result<(), GoalError>) -> ExitCode {
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            Terminal::new().say(format_args!("coxswain: {error}"));
-            ExitCode::from(error.exit_code())
-        }
-    }
-}
-
-fn asked(outcome: Result<(), JoinError>) -> ExitCode {
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            Terminal::new().say(format_args!("coxswain: {error}"));
-            ExitCode::from(error.exit_code())
-        }
-    }
-}
-
-fn made(outcome: Result<(), RecordsError>) -> ExitCode {
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            Terminal::new().say(format_args!("coxswain: {error}"));
-            ExitCode::from(error.exit_code())
+            ExitCode::from(code(&error))
         }
     }
 }

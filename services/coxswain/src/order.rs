@@ -1,4 +1,4 @@
-//! `coxswain arm`, `coxswain resume` and `coxswain stop`: an operator's order to the plant of a run.
+//! `coxswain arm`, `resume` and `stop`: an operator's order to the plant of a run.
 //!
 //! The order takes the same way as a change of settings ([`crate::set`]): a file in the run
 //! directory, to which the plant replies beside it.

@@ -5,8 +5,8 @@ use crate::judgement::Recommendation;
 use crate::log::{AXIS_NAMES, Log};
 use crate::response::{Response, Simulation};
 use crate::sensors::{Measured, Sensors};
-use recorder::report::STYLE;
 use recorder::report::axis::{Axis, Extent};
+use recorder::report::page::head;
 use recorder::report::panel::{Detail, Panel, escape};
 use robot::{AXES, Velocity, Wheels};
 use std::fmt::Write;
@@ -43,14 +43,11 @@ pub struct Page<'a> {
 impl Page<'_> {
     /// The page, one self-contained HTML file.
     pub fn html(&self) -> String {
-        let source = escape(self.source);
-        let mut html = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <meta name=\"color-scheme\" content=\"light dark\">\
-             <title>Identified: {source}</title><style>{STYLE}</style></head><body><main>\
-             <header><h1>Identified: {source}</h1><p class=\"facts\">{:.1} s at {:.1} ms, \
-             {} stretches without a gap</p>",
+        let heading = format!("Identified: {}", escape(self.source));
+        let mut html = head(&heading, &heading);
+        let _ = write!(
+            html,
+            "<p class=\"facts\">{:.1} s at {:.1} ms, {} stretches without a gap</p>",
             self.log.duration_s(),
             1e3 * self.log.period_s,
             self.log.stretches.len()

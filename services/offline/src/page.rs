@@ -3,8 +3,8 @@
 use crate::show::UNITS;
 use crate::slices::{Slice, Slices};
 use identify::log::AXIS_NAMES;
-use recorder::report::STYLE;
 use recorder::report::axis::{Axis, Extent};
+use recorder::report::page::head;
 use recorder::report::panel::{Detail, HEIGHT, Panel, escape};
 use std::fmt::Write;
 
@@ -22,14 +22,8 @@ pub struct Page<'a> {
 impl Page<'_> {
     /// The page, one self-contained HTML file.
     pub fn html(&self) -> String {
-        let name = escape(self.name);
-        let mut html = format!(
-            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <meta name=\"color-scheme\" content=\"light dark\">\
-             <title>Model: {name}</title><style>{STYLE}</style></head><body><main>\
-             <header><h1>Model: {name}</h1>"
-        );
+        let heading = format!("Model: {}", escape(self.name));
+        let mut html = head(&heading, &heading);
         for fact in self.facts {
             let _ = write!(html, "<p class=\"facts\">{}</p>", escape(fact));
         }

@@ -28,7 +28,7 @@ mod figure;
 mod heard;
 mod learning;
 mod motion;
-mod page;
+pub mod page;
 pub mod panel;
 mod record;
 mod running;
@@ -41,9 +41,6 @@ use process::atomic_file;
 use record::Record;
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Style sheet of every page of figures.
-pub const STYLE: &str = include_str!("report/page.css");
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]

@@ -4,25 +4,33 @@ use super::figure::{Figure, Key, Records};
 use super::panel::escape;
 use super::record::Record;
 use super::table::table;
-use super::{STYLE, learning, motion, running, tracking};
+use super::{learning, motion, running, tracking};
 use protocol::message::Exposure;
 use std::fmt::Write;
 use std::path::PathBuf;
 
+/// Style of the page.
+const STYLE: &str = include_str!("page.css");
+
 /// Largest number of listed events per record.
 const EVENTS_LISTED: usize = 100;
+
+/// The begin of a page, to within its header: the window's `title` and the `heading`, both escaped.
+pub fn head(title: &str, heading: &str) -> String {
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <meta name=\"color-scheme\" content=\"light dark\">\
+         <title>{title}</title><style>{STYLE}</style></head><body><main>\
+         <header><h1>{heading}</h1>"
+    )
+}
 
 /// The whole page.
 pub(super) fn page(records: &[Record]) -> String {
     let shared = Records::new(records);
     let names = escape(&shared.names());
-    let mut html = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <meta name=\"color-scheme\" content=\"light dark\">\
-         <title>Coxswain: {names}</title><style>{STYLE}</style></head><body><main>\
-         <header><h1>{names}</h1>"
-    );
+    let mut html = head(&format!("Coxswain: {names}"), &names);
     for record in records {
         write_facts(&mut html, record);
     }
