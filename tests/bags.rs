@@ -1,6 +1,6 @@
-//! Promises: a bag of ROS 2 gives the samples and the robot that its messages describe, in every
-//! container. One that cannot be used becomes an error that names its place. All bags are written by
-//! the public Python package `rosbags`.
+//! Promises: a bag of ROS 2 gives the samples and the robot that its messages describe, in
+//! every container. One that cannot be used becomes an error that names its place. All bags are
+//! written by the public Python package `rosbags`.
 
 use graph::assembly::robot_of;
 use identify::excitation::{Room, motion};

@@ -1,8 +1,8 @@
 """Writes bags of ROS 2 with the public package `rosbags`: python bags.py BAGS.json
 
-BAGS.json is a list of bags. Each has a `path`, a `storage` (mcap or sqlite3), a `compression` (none,
-storage, message or file), `is_big_endian`, an `encoding`, and `messages`: time of recording and of
-the header [ns], topic, type, numbers and names. A number that is null becomes NaN.
+BAGS.json is a list of bags. Each has a `path`, a `storage` (mcap or sqlite3), a `compression`
+(none, storage, message or file), `is_big_endian`, an `encoding`, and `messages`: time of recording
+and of the header [ns], topic, type, numbers and names. A number that is null becomes NaN.
 """
 
 import json

@@ -311,7 +311,8 @@ mod tests {
                     prop_assert!(limits.acceleration_use(&moment) < 1.02, "{moment:?}");
                 }
                 prop_assert!(jump(&motion, 1e-3) < 2e-2);
-                prop_assert!(motion.at(motion.duration_s()).velocity.iter().all(|v| v.abs() < 1e-6));
+                let end = motion.at(motion.duration_s());
+                prop_assert!(end.velocity.iter().all(|v| v.abs() < 1e-6));
             }
         }
     }

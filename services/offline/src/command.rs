@@ -91,8 +91,8 @@ pub enum LearnError {
     /// The learned model predicts no better.
     #[error(
         "the learned model is no better than the main model, both with an observer: errors {:.3} \
-         (1 step) and {:.3} ({STEPS} steps) times as large on average, {:.3} ({STEPS} steps) on the \
-         worst axis; expected below 1 on average, and at most {WORSE_MAX} on each axis",
+         (1 step) and {:.3} ({STEPS} steps) times as large on average, {:.3} ({STEPS} steps) on \
+         the worst axis; expected below 1 on average, and at most {WORSE_MAX} on each axis",
         .0.means()[0], .0.means()[1], .0.worst()
     )]
     NoBetter(Verdict),

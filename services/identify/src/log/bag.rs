@@ -12,9 +12,9 @@
 //! | `samples`     | all of them at a constant period                                  |
 //!
 //! **Times.** Odometry, command and joints have times and rates of their own. A message counts at
-//! the time of its header; one without a header, or with a header of time zero, at the time at which
-//! it was recorded. The period is the median step of the odometry. Samples are a whole number of
-//! periods after the first odometry message, and after each gap.
+//! the time of its header; one without a header, or with a header of time zero, at the time at
+//! which it was recorded. The period is the median step of the odometry. Samples are a whole number
+//! of periods after the first odometry message, and after each gap.
 //!
 //! **Measurements** are on the line between the two messages around the time of the sample. The
 //! nearest message would be up to half a period away from it, and the estimate of the dead time
@@ -58,8 +58,8 @@ pub struct Topics {
     /// TwistStamped of geometry_msgs).
     #[arg(long, value_name = "TOPIC")]
     pub command: Option<String>,
-    /// In a ROS 2 bag: joints of the wheels, in the order of the robot file. Without it wheel speeds
-    /// are not read.
+    /// In a ROS 2 bag: joints of the wheels, in the order of the robot file. Without it wheel
+    /// speeds are not read.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub wheel_joints: Vec<String>,
     /// In a ROS 2 bag: topic of these joints (default: the only sensor_msgs/msg/JointState).

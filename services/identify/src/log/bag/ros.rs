@@ -1,7 +1,7 @@
 //! Messages of ROS 2 (CDR) → the numbers that are used.
 //!
-//! A message begins with two bytes that name its representation and two that are unused. The rest is
-//! the message, in plain CDR of either byte order. A length field never makes this code allocate
+//! A message begins with two bytes that name its representation and two that are unused. The rest
+//! is the message, in plain CDR of either byte order. A length field never makes this code allocate
 //! more than the message has.
 
 use super::super::is_finite;
