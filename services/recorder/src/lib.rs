@@ -8,6 +8,7 @@
 //! | `changes`    | changes of settings during the run → channel `set`                      |
 //! | [`segment`]  | one MCAP file of the record, open for writing                           |
 //! | [`reader`]   | MCAP files → messages                                                   |
+//! | [`chunks`]   | chunks of a file that are damaged                                       |
 //! | [`rows`]     | the data of the summary, read back from the files                       |
 //! | [`summary`]  | rows → the figures of `summary.json`                                    |
 //! | [`report`]   | records → one page with every figure                                    |
@@ -28,6 +29,7 @@
 //! ```
 
 mod changes;
+pub mod chunks;
 pub mod export;
 mod grant;
 mod intake;

@@ -2,7 +2,7 @@
 //!
 //! A file that was cut off by a kill -9 is read as far as it goes.
 
-use crate::segment;
+use crate::{chunks, segment};
 use mcap::io::MessageReader;
 use mcap::records::{Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -115,6 +115,15 @@ pub fn messages(
     mut take: impl FnMut(&Message<'_>) -> io::Result<()>,
 ) -> io::Result<Ending> {
     let mut file = File::open(path)?;
+    match chunks::are_whole(BufReader::new(&file), options()) {
+        Ok(false) => {
+            tracing::warn!(path = %path.display(), "a record reaches beyond its chunk");
+            return Ok(Ending::Early);
+        }
+        Err(McapError::BadMagic) => return Ok(Ending::Foreign),
+        // The messages before other damage can be read.
+        Ok(true) | Err(_) => file.rewind()?,
+    }
     for message in MessageReader::new_with_options(BufReader::new(&file), options()) {
         match message {
             Ok(message) => take(&message)?,

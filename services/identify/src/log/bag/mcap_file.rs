@@ -4,13 +4,13 @@ use super::BagError;
 use super::files::{BYTES_MAX, Recorded, Take, Topic};
 use crate::log::LogError;
 use mcap::io::MessageReader;
-use mcap::records::{Record, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::sans_io::LinearReaderOptions;
 use mcap::{McapError, Message};
+use recorder::chunks;
 use recorder::reader::SourceError;
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader};
 use std::path::Path;
 
 pub(super) fn topics(file: &Path) -> Result<BTreeSet<Topic>, LogError> {
@@ -61,45 +61,14 @@ fn each(
     Ok(false)
 }
 
-/// Fails if a record of an uncompressed chunk reaches beyond it. The reader of mcap 0.26 would
-/// subtract with overflow there.
+/// Fails if a record of an uncompressed chunk reaches beyond it.
 fn check_chunks(file: &Path) -> Result<(), LogError> {
-    let mut bytes = open(file)?;
-    let mut reader = LinearReader::new_with_options(options().with_emit_chunks(true));
-    while let Some(event) = reader.next_event() {
-        match event {
-            Ok(LinearReadEvent::ReadRequest(need)) => {
-                let read = bytes.read(reader.insert(need));
-                reader.notify_read(read.map_err(|source| unreadable(file, source))?);
-            }
-            Ok(LinearReadEvent::Record { opcode: op::CHUNK, data }) => {
-                let chunk = mcap::parse_record(op::CHUNK, data);
-                if let Record::Chunk { header, data } =
-                    chunk.map_err(|error| failed(file, error))?
-                    && header.compression.is_empty()
-                    && !has_whole_records(&data)
-                {
-                    return Err(failed(file, McapError::UnexpectedEoc));
-                }
-            }
-            Ok(LinearReadEvent::Record { .. }) => {}
-            // Cut off: read as far as it goes.
-            Err(McapError::UnexpectedEof | McapError::UnexpectedEoc) => return Ok(()),
-            Err(source) => return Err(failed(file, source)),
-        }
+    match chunks::are_whole(open(file)?, options()) {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(failed(file, McapError::UnexpectedEoc)),
+        Err(McapError::Io(source)) => Err(unreadable(file, source)),
+        Err(source) => Err(failed(file, source)),
     }
-    Ok(())
-}
-
-/// Whether `records`, each an opcode, a length of 8 bytes and as many bytes, end with a whole one.
-fn has_whole_records(mut records: &[u8]) -> bool {
-    while let Some((head, rest)) = records.split_first_chunk::<9>() {
-        let [_, length @ ..] = *head;
-        let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
-        let Some(rest) = rest.get(length..) else { return false };
-        records = rest;
-    }
-    records.is_empty()
 }
 
 fn options() -> LinearReaderOptions {
