@@ -146,6 +146,14 @@ coded! {
         NoPlan = 21 => "no plan that holds",
         /// An operator has ordered the stop.
         OperatorStop = 22 => "operator stop",
+        /// The gate has slowed the robot before an obstacle.
+        ProtectiveStop = 23 => "protective stop",
+        /// The gate has slowed the robot because it does not know the obstacles any more.
+        ObstaclesUnknown = 24 => "obstacles unknown",
+        /// The gate has slowed the robot to the limit of a zone.
+        SpeedZone = 25 => "speed zone",
+        /// The gate has slowed the robot before the border of its area.
+        Geofence = 26 => "geofence",
     }
 }
 

@@ -2,18 +2,24 @@
 //!
 //! | module         | what it holds                                                    |
 //! |----------------|------------------------------------------------------------------|
+//! | `obstacle`     | [`Obstacle`]: a shape that moves                                 |
 //! | `robot`        | [`Robot`]: the content of a robot file, and its checks           |
+//! | `shape`        | [`Shape`]: footprints and obstacles, and the distance between them |
 //! | `tracking_limit` | [`TrackingLimit`]: a number, `"none"` or the default           |
 //! | `wheels`       | [`Wheels`]: where they are, and wheel speeds from body velocity and back |
 //!
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. The wheels have the order
 //! of the robot file.
 
+mod obstacle;
 mod robot;
+mod shape;
 mod tracking_limit;
 mod wheels;
 
-pub use robot::{Body, Drive, Impossible, Limits, Response, Robot};
+pub use obstacle::Obstacle;
+pub use robot::{Body, Drive, Footprint, Impossible, Limits, Response, Robot};
+pub use shape::{CORNERS_MAX, ImpossibleShape, Point, Separation, Shape};
 pub use tracking_limit::TrackingLimit;
 pub use wheels::{
     ImpossibleWheels, Layout, Mecanum, Omni, PerWheel, Rollers, Twist, WHEELS_MAX, Wheel,

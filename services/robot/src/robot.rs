@@ -1,6 +1,6 @@
 //! One omnidirectional base: wheels, response and limits, as in a robot file.
 
-use crate::{TrackingLimit, Velocity, Wheels};
+use crate::{Shape, TrackingLimit, Velocity, Wheels};
 use serde::{Deserialize, Serialize};
 
 /// Smallest value of a positive parameter. Between this and [`LARGEST`] the main model of every
@@ -26,6 +26,33 @@ pub struct Robot {
     pub response: Option<Response>,
     /// Limits of its inputs.
     pub limits: Limits,
+    /// Outline on the floor; by default the rectangle around its wheels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub footprint: Option<Footprint>,
+}
+
+/// Outline on the floor: a rectangle around the origin of the body frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Footprint {
+    /// Along x \[m\].
+    pub length_m: f64,
+    /// Along y \[m\].
+    pub width_m: f64,
+    /// Distance that it keeps from obstacles \[m\].
+    #[serde(default = "Footprint::clearance_by_default")]
+    pub clearance_m: f64,
+}
+
+impl Footprint {
+    fn clearance_by_default() -> f64 {
+        0.05
+    }
+
+    /// The rectangle, in the body frame.
+    pub fn shape(&self) -> Shape {
+        Shape::rectangle(self.length_m, self.width_m)
+    }
 }
 
 /// Masses and frictions, as believed.
@@ -158,6 +185,7 @@ impl Robot {
                 tracking_error_m: TrackingLimit::Default,
                 tracking_error_heading_rad: TrackingLimit::Default,
             },
+            footprint: None,
         }
     }
 
@@ -166,6 +194,20 @@ impl Robot {
     pub const TRACKING_DIAGONALS: f64 = 10.0;
     /// Default of `limits.tracking_error_heading_rad` \[rad\].
     pub const TRACKING_HEADING_RAD: f64 = 2.0;
+
+    /// Outline on the floor: that of the robot file, or the rectangle around its wheels. A wheel
+    /// reaches as far as its radius, along and across.
+    pub fn footprint(&self) -> Footprint {
+        self.footprint.unwrap_or_else(|| {
+            let [ahead, side] = self.wheels.half_extent_m();
+            let radius = self.wheels.radii_m().iter().copied().fold(0.0, f64::max);
+            Footprint {
+                length_m: 2.0 * (ahead + radius),
+                width_m: 2.0 * (side + radius),
+                clearance_m: Footprint::clearance_by_default(),
+            }
+        })
+    }
 
     /// Distance from the reference above which the robot is stopped \[m\], if there is such a
     /// limit.
@@ -244,6 +286,13 @@ impl Robot {
                     .map(|limit| ("response.wheel_speed_limit_radps", limit)),
             );
             not_negative.push(("response.dead_time_s", response.dead_time_s));
+        }
+        if let Some(footprint) = &self.footprint {
+            positive.extend([
+                ("footprint.length_m", footprint.length_m),
+                ("footprint.width_m", footprint.width_m),
+            ]);
+            not_negative.push(("footprint.clearance_m", footprint.clearance_m));
         }
         for (key, value) in positive {
             if !(SMALLEST..=LARGEST).contains(&value) {
