@@ -2,6 +2,7 @@
 //!
 //! | module         | what it holds                                                    |
 //! |----------------|------------------------------------------------------------------|
+//! | `map`          | [`Map`]: known obstacles, zones and the border of the area       |
 //! | `obstacle`     | [`Obstacle`]: a shape that moves                                 |
 //! | `robot`        | [`Robot`]: the content of a robot file, and its checks           |
 //! | `shape`        | [`Shape`]: footprints and obstacles, and the distance between them |
@@ -11,12 +12,14 @@
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. The wheels have the order
 //! of the robot file.
 
+mod map;
 mod obstacle;
 mod robot;
 mod shape;
 mod tracking_limit;
 mod wheels;
 
+pub use map::{ImpossibleMap, MAP_MAX, Map, Outline, Surroundings, Zone};
 pub use obstacle::Obstacle;
 pub use robot::{Body, Drive, Footprint, Impossible, Limits, Response, Robot};
 pub use shape::{CORNERS_MAX, ImpossibleShape, Point, Separation, Shape};
