@@ -5,18 +5,21 @@
 //! |--------------|---------------------------------------------------------------------------|
 //! | [`truth`]    | the true world: dynamics, friction, disturbances, sensors. Pure           |
 //! | [`settings`] | settings of the plant process                                             |
+//! | [`obstacles`] | obstacles that stand or move                                             |
 //! | `base`       | the world as a [`driver::Base`]                                           |
 //!
 //! The controller knows nothing of this crate.
 
 mod base;
+pub mod obstacles;
 pub mod settings;
 pub mod truth;
 
 pub use settings::Settings;
 
-use driver::RunError;
 use driver::piped::PipedBase;
+use driver::{Base, RunError};
+use obstacles::Among;
 use process::Stop;
 use transport::{Identity, Ports};
 use truth::World;
@@ -31,16 +34,32 @@ pub fn run(
     identity: Identity,
     stop: &Stop,
 ) -> Result<(), RunError> {
-    let (start, seed, driver) = (settings.start, settings.seed, settings.driver());
+    let (start, seed) = (settings.start, settings.seed);
+    let drive = Drive { settings, ports, identity, stop };
     if let Some(program) = &settings.program {
-        return driver::run(
-            PipedBase::start(program, settings.robot.wheels.count(), start, seed)?,
-            &driver,
-            ports,
-            identity,
-            stop,
-        );
+        return drive.run(PipedBase::start(program, settings.robot.wheels.count(), start, seed)?);
     }
     let truth = settings.truth.clone().unwrap_or_default();
-    driver::run(World::new(&truth, start, seed), &driver, ports, identity, stop)
+    drive.run(World::new(&truth, start, seed))
+}
+
+/// What a world needs beside itself.
+struct Drive<'a> {
+    settings: &'a Settings,
+    ports: &'a Ports,
+    identity: Identity,
+    stop: &'a Stop,
+}
+
+impl Drive<'_> {
+    /// Drives `base`, among obstacles if the world has some.
+    fn run(self, base: impl Base) -> Result<(), RunError> {
+        let Self { settings, ports, identity, stop } = self;
+        let driver = settings.driver();
+        // The settings have been checked: an impossible crowd has been refused.
+        match settings.obstacles.as_ref().and_then(|obstacles| obstacles.crowd().ok()) {
+            Some(crowd) => driver::run(Among::new(base, crowd), &driver, ports, identity, stop),
+            None => driver::run(base, &driver, ports, identity, stop),
+        }
+    }
 }

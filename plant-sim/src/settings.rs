@@ -1,5 +1,6 @@
 //! Settings of the simulated plant.
 
+use crate::obstacles::ObstacleSettings;
 use crate::truth::Truth;
 use driver::Start;
 use driver::piped::Program;
@@ -34,6 +35,9 @@ pub struct Settings {
     /// The program that simulates the world, unless it is [`truth`](Self::truth).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<Program>,
+    /// Obstacles of the world, if the robot has a sensor for them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub obstacles: Option<ObstacleSettings>,
 }
 
 impl Settings {
@@ -68,6 +72,9 @@ impl Check for Settings {
             .as_ref()
             .map_or(Ok(()), Truth::check)
             .map_err(|e| Impossible { key: format!("truth.{}", e.key), expected: e.expected })?;
+        if let Some(obstacles) = &self.obstacles {
+            obstacles.check().map_err(|impossible| impossible.under("obstacles"))?;
+        }
         if self.truth.is_some() == self.program.is_some() {
             return Err(Impossible::new("truth", "either [truth] or [program]"));
         }

@@ -11,6 +11,7 @@ pub mod field;
 mod goal;
 mod health;
 mod model_snapshot;
+mod obstacles;
 mod plan;
 mod plant_state;
 mod residual_sample;
@@ -19,8 +20,8 @@ mod stamp;
 mod truth;
 
 pub use codes::{
-    Coded, Exposure, FallbackLevel, GateState, GoalKind, GoalPhase, Participant, Phase, Reason,
-    SolverStatus, UnknownCode,
+    Coded, Exposure, FallbackLevel, GateState, GoalKind, GoalPhase, ObstacleSource, Participant,
+    Phase, Reason, SolverStatus, UnknownCode,
 };
 pub use command::{Command, TAIL_MAX};
 pub use credit::Credit;
@@ -28,6 +29,7 @@ pub use define::{Fields, Fixed};
 pub use goal::Goal;
 pub use health::{ERROR_TEXT_MAX, Health};
 pub use model_snapshot::{INPUTS_MAX, ModelSnapshot, SnapshotHead, SnapshotRow};
+pub use obstacles::{OBSTACLE_NUMBERS, OBSTACLES_MAX, Obstacles};
 pub use plan::{HORIZON_MAX, Plan};
 pub use plant_state::{PlantState, WHEELS_MAX};
 pub use residual_sample::ResidualSample;

@@ -2,7 +2,8 @@
 
 use crate::message::Participant::{self, Controller, Gateway, Learner, Plant, Recorder};
 use crate::message::{
-    Command, Credit, Goal, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
+    Command, Credit, Goal, Health, Message, ModelSnapshot, Obstacles, Plan, PlantState,
+    ResidualSample, Truth,
 };
 use serde::{Deserialize, Serialize};
 
@@ -191,6 +192,9 @@ topics! {
     /// controller → watchers.
     Goal("goal", Goal): &[Controller] => &[Recorder, Gateway],
         (64, 1, 4, 16), lossless: false, Heartbeats, Show, alone: false;
+    /// plant → controller.
+    Obstacles("obstacles", Obstacles): &[Plant] => &[Controller, Recorder, Gateway],
+        (16, 1, 4, 8), lossless: true, Periods, Drive, alone: true;
 }
 
 impl Topic {

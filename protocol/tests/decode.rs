@@ -7,8 +7,9 @@ use proptest::strategy::{Just, Strategy};
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
     Command, Credit, ERROR_TEXT_MAX, Exposure, FallbackLevel, GateState, Goal, GoalKind, GoalPhase,
-    HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState,
-    Reason, ResidualSample, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
+    HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, OBSTACLES_MAX, ObstacleSource,
+    Obstacles, Participant, Phase, Plan, PlantState, Reason, ResidualSample, SnapshotHead,
+    SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::{VERSION, message};
 
@@ -33,7 +34,7 @@ fn reread<T: Message>(bytes: &[u8]) -> Result<Vec<u8>, DecodeError> {
 }
 
 /// Decodes `bytes` as each kind of message.
-fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 9] {
+fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 10] {
     [
         reread::<PlantState>(bytes),
         reread::<Command>(bytes),
@@ -44,6 +45,7 @@ fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 9] {
         reread::<Health>(bytes),
         reread::<ModelSnapshot>(bytes),
         reread::<Goal>(bytes),
+        reread::<Obstacles>(bytes),
     ]
 }
 
@@ -96,6 +98,10 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<Goal>(|goal, choice| {
             goal.kind = pick(GoalKind::ALL, choice).code();
             goal.phase = pick(GoalPhase::ALL, choice).code();
+        }),
+        fixed::<Obstacles>(|list, choice| {
+            list.source = pick(ObstacleSource::ALL, choice).code();
+            list.count = choice % (OBSTACLES_MAX as u32 + 1);
         }),
         fixed::<Truth>(|truth, choice| {
             truth.fallback_level = pick(FallbackLevel::ALL, choice).code();

@@ -8,8 +8,9 @@ use proptest::strategy::{Just, Strategy};
 use protocol::frame::DecodeError;
 use protocol::message::{
     Command, Credit, ERROR_TEXT_MAX, Exposure, FallbackLevel, GateState, Goal, GoalKind, GoalPhase,
-    HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState,
-    Reason, ResidualSample, SnapshotHead, SolverStatus, TAIL_MAX, Truth, WHEELS_MAX,
+    HORIZON_MAX, Health, INPUTS_MAX, Message, ModelSnapshot, OBSTACLES_MAX, ObstacleSource,
+    Obstacles, Participant, Phase, Plan, PlantState, Reason, ResidualSample, SnapshotHead,
+    SolverStatus, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::{VERSION, message, wire};
 
@@ -27,7 +28,7 @@ fn reread<T: Message>(bytes: &[u8]) -> Result<Vec<u8>, DecodeError> {
 }
 
 /// Decodes `bytes` as each kind of message.
-fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 9] {
+fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 10] {
     [
         reread::<PlantState>(bytes),
         reread::<Command>(bytes),
@@ -38,6 +39,7 @@ fn as_every_message(bytes: &[u8]) -> [Result<Vec<u8>, DecodeError>; 9] {
         reread::<Health>(bytes),
         reread::<ModelSnapshot>(bytes),
         reread::<Goal>(bytes),
+        reread::<Obstacles>(bytes),
     ]
 }
 
@@ -94,6 +96,10 @@ fn messages() -> impl Strategy<Value = Vec<u8>> {
         fixed::<Goal>(|goal, choice| {
             goal.kind = pick(GoalKind::ALL, choice).code();
             goal.phase = pick(GoalPhase::ALL, choice).code();
+        }),
+        fixed::<Obstacles>(|list, choice| {
+            list.source = pick(ObstacleSource::ALL, choice).code();
+            list.count = choice % (OBSTACLES_MAX as u32 + 1);
         }),
         fixed::<Truth>(|truth, choice| {
             truth.fallback_level = pick(FallbackLevel::ALL, choice).code();

@@ -14,8 +14,8 @@ use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, M
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
-    Command, Credit, Goal, Health, Message, ModelSnapshot, Plan, PlantState, ResidualSample,
-    SnapshotHead, Truth,
+    Command, Credit, Goal, Health, Message, ModelSnapshot, Obstacles, Plan, PlantState,
+    ResidualSample, SnapshotHead, Truth,
 };
 use protocol::view::View;
 use protocol::wire::{self, HEADER_BYTES};
@@ -44,6 +44,7 @@ fn framed(bytes: &[u8]) -> Verdict {
         shown(frame::decode::<ModelSnapshot>(bytes), bytes)?,
         shown(frame::decode::<Credit>(bytes), bytes)?,
         shown(frame::decode::<Goal>(bytes), bytes)?,
+        shown(frame::decode::<Obstacles>(bytes), bytes)?,
     ];
     Ok(fates.into_iter().fold(Fate::Refused, either))
 }
@@ -115,6 +116,7 @@ fn wired(bytes: &[u8]) -> Verdict {
         settled::<Health>(bytes)?,
         settled::<ModelSnapshot>(bytes)?,
         settled::<Goal>(bytes)?,
+        settled::<Obstacles>(bytes)?,
     ];
     Ok(fates.into_iter().fold(Fate::Refused, either))
 }

@@ -21,6 +21,7 @@ TOPICS = {
     "truth": "Truth",
     "credit": "Credit",
     "goal": "Goal",
+    "obstacles": "Obstacles",
 }
 
 

@@ -199,6 +199,16 @@ coded! {
     }
 }
 
+coded! {
+    /// Where a list of obstacles comes from.
+    ObstacleSource {
+        /// The robot's own sensors.
+        Robot = 0 => "robot",
+        /// A planner beside it.
+        Planner = 1 => "planner",
+    }
+}
+
 impl Reason {
     /// Codes with which a controller may request a stop of the gate, and that of no request.
     pub const STOP_REQUESTS: &'static [u32] =

@@ -10,8 +10,9 @@ mod wire_document;
 use bytemuck::Zeroable;
 use protocol::message::{
     Command, Credit, Exposure, FallbackLevel, GateState, Goal, GoalKind, GoalPhase, HORIZON_MAX,
-    Health, INPUTS_MAX, Message, ModelSnapshot, Participant, Phase, Plan, PlantState, Reason,
-    ResidualSample, SnapshotHead, SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
+    Health, INPUTS_MAX, Message, ModelSnapshot, OBSTACLE_NUMBERS, OBSTACLES_MAX, ObstacleSource,
+    Obstacles, Participant, Phase, Plan, PlantState, Reason, ResidualSample, SnapshotHead,
+    SolverStatus, Stamp, TAIL_MAX, Truth, WHEELS_MAX,
 };
 use protocol::topic::{OnTopic, Visit, visit_all};
 use protocol::{VERSION, frame, wire};
@@ -207,6 +208,37 @@ examples! {
             ..Goal::zeroed()
         }),
     ],
+    Obstacles: vec![
+        ("typical", Obstacles {
+            stamp: typical(),
+            plant_epoch: 1,
+            age_s: 0.05,
+            valid_s: 0.5,
+            source: ObstacleSource::Planner.code(),
+            count: 2,
+            obstacles: {
+                let mut rows = [[0.0; OBSTACLE_NUMBERS]; OBSTACLES_MAX];
+                // A disc that moves, and a rectangle that stands.
+                rows[0] = [
+                    0.5, -0.25, 0.3, 2.0, 1.0, 2.0, 1.0, 2.0, 1.0, 2.0, 1.0, 2.0, 1.0, 2.0, 1.0,
+                    2.0, 1.0, 2.0, 1.0,
+                ];
+                rows[1] = [
+                    0.0, 0.0, 0.0, 3.0, 0.0, 4.0, 0.0, 4.0, 0.5, 3.0, 0.5, 3.0, 0.5, 3.0, 0.5, 3.0,
+                    0.5, 3.0, 0.5,
+                ];
+                rows
+            },
+        }),
+        ("extreme", Obstacles {
+            stamp: extreme(),
+            plant_epoch: u64::MAX,
+            valid_s: f64::MAX,
+            count: OBSTACLES_MAX as u32,
+            obstacles: [[-0.0; OBSTACLE_NUMBERS]; OBSTACLES_MAX],
+            ..Obstacles::zeroed()
+        }),
+    ],
     Truth: vec![
         ("typical", Truth {
             stamp: typical(),
@@ -287,9 +319,9 @@ examples! {
                 models_left: 3,
                 snapshots: 12,
                 snapshots_refused: 1,
-                sent: [0, 1040, 1040, 0, 1040, 104, 0, 0, 0],
-                received: [1041, 0, 0, 13, 0, 0, 0, 0, 0],
-                dropped: [0, 2, 0, 0, 0, 0, 0, 0, 0],
+                sent: [0, 1040, 1040, 0, 1040, 104, 0, 0, 0, 0],
+                received: [1041, 0, 0, 13, 0, 0, 0, 0, 0, 0],
+                dropped: [0, 2, 0, 0, 0, 0, 0, 0, 0, 0],
                 ..Health::zeroed()
             };
             health.set_last_error("snapshot 9 refused: α differs");
@@ -299,7 +331,7 @@ examples! {
             let mut health = Health {
                 stamp: extreme(),
                 pid: u32::MAX,
-                lost: [u64::MAX; 9],
+                lost: [u64::MAX; 10],
                 ..Health::zeroed()
             };
             health.set_last_error(&"x".repeat(120));
@@ -405,6 +437,7 @@ macro_rules! for_every_message {
         $act::<Health>($($argument),*)?;
         $act::<ModelSnapshot>($($argument),*)?;
         $act::<Goal>($($argument),*)?;
+        $act::<Obstacles>($($argument),*)?;
     };
 }
 
@@ -474,7 +507,7 @@ fn every_kind_is_used_once() {
     let mut kinds = Kinds::default();
     visit_all(&mut kinds);
     kinds.0.sort_unstable();
-    assert_eq!(kinds.0, [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+    assert_eq!(kinds.0, [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
 }
 
 #[test]

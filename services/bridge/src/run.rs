@@ -10,7 +10,7 @@ use crate::settings::{Remote, Settings};
 use network::Breach;
 use process::{Pulse, Repeated, Stop};
 use protocol::message::{
-    Command, Credit, Goal, Health, ModelSnapshot, Participant, Phase, Plan, PlantState,
+    Command, Credit, Goal, Health, ModelSnapshot, Obstacles, Participant, Phase, Plan, PlantState,
     ResidualSample, Truth,
 };
 use protocol::topic::{TOPIC_COUNT, Topic};
@@ -37,7 +37,8 @@ macro_rules! of_topic {
     ($topic:expr, $message:ident => $body:expr) => {
         of_topic!($topic, $message => $body,
             State PlantState, Command Command, Residual ResidualSample, Snapshot ModelSnapshot,
-            Plan Plan, Health Health, Truth Truth, Credit Credit, Goal Goal)
+            Plan Plan, Health Health, Truth Truth, Credit Credit, Goal Goal,
+            Obstacles Obstacles)
     };
     ($topic:expr, $message:ident => $body:expr, $($variant:ident $of:ident),+) => {
         match $topic {

@@ -124,9 +124,9 @@ mod tests {
 
     #[test]
     fn a_topic_crosses_where_its_ends_are_on_different_hosts() {
-        use Topic::{Command, Goal, Health, Plan, Residual, Snapshot, State};
+        use Topic::{Command, Goal, Health, Obstacles, Plan, Residual, Snapshot, State};
         let (robot, control) = ([Plant, Recorder, Bridge], [Controller, Bridge]);
-        assert_eq!(crossing(&robot, &control, true), [State, Health]);
+        assert_eq!(crossing(&robot, &control, true), [State, Health, Obstacles]);
         assert_eq!(crossing(&control, &robot, true), [Command, Residual, Plan, Health, Goal]);
         let learner = [Learner, Bridge];
         assert_eq!(crossing(&control, &learner, true), [Residual, Plan, Health, Goal]);
@@ -137,7 +137,8 @@ mod tests {
     fn a_driver_gets_what_the_plant_reads_alone() {
         let control = [Controller, Learner, Recorder, Gateway, Bridge];
         assert_eq!(crossing(&control, &[Plant], false), [Topic::Command, Topic::Credit]);
-        assert_eq!(crossing(&[Plant], &control, true), [Topic::State, Topic::Health, Topic::Truth]);
+        let from_plant = [Topic::State, Topic::Health, Topic::Truth, Topic::Obstacles];
+        assert_eq!(crossing(&[Plant], &control, true), from_plant);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The interface that the author of a robot implements.
 
-use robot::{PerWheel, Velocity, WHEELS_MAX};
+use robot::{Obstacle, PerWheel, Velocity, WHEELS_MAX};
 use std::time::Duration;
 
 /// A robot base: sensors out, body velocity in.
@@ -55,6 +55,12 @@ pub trait Base {
     fn watchdog(&mut self, valid_nanos: u64) -> Result<(), BaseError> {
         let _ = valid_nanos;
         Ok(())
+    }
+
+    /// All obstacles that the robot's own sensors know now, in the world frame; `None` if it has no
+    /// such sensors. Read once per control period, after [`read`](Self::read).
+    fn obstacles(&mut self) -> Option<&[Obstacle]> {
+        None
     }
 
     /// The true state, if the robot is simulated.

@@ -3,7 +3,7 @@
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
 use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
 use protocol::message::{Command, FallbackLevel, PlantState, Reason, Truth};
-use robot::{PerWheel, Velocity, Wheels};
+use robot::{Obstacle, PerWheel, Velocity, Wheels};
 
 /// Longest time that the base drives between two decisions of the gate: the step of the braking
 /// ramp \[ns\].
@@ -117,6 +117,12 @@ impl<B: Base> GatedBase<B> {
     /// State of the gate, and why it has stopped.
     pub fn machine(&self) -> &Machine {
         self.gate.machine()
+    }
+
+    /// The obstacles that the base sees at `now`, if it has such sensors.
+    pub fn look_around(&mut self, now: u64, valid_nanos: u64) -> Option<&[Obstacle]> {
+        let _ = (now, valid_nanos);
+        self.base.obstacles()
     }
 
     /// Drives the base until `now`; the gate decides anew every [`SLICE_NANOS`].

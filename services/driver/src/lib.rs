@@ -8,6 +8,7 @@
 //! | [`run()`] | the clock: real time or lock step                                          |
 //! | [`main`]  | a process around a base, which a launch starts                             |
 //! | `settings` | settings of every driver, and of such a process                           |
+//! | `surroundings` | what the robot's sensors see, for controller and gate                 |
 //! | `orders`  | arm and resume: operator ▶ gate, by files in the run directory             |
 //! | [`piped`] | a base that is another program, driven over its standard input and output  |
 
@@ -18,6 +19,7 @@ pub mod piped;
 mod program;
 pub mod run;
 mod settings;
+mod surroundings;
 
 pub use base::{Base, BaseError, Sensors, TrueState};
 pub use program::main;

@@ -6,6 +6,7 @@
 
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::{Orders, ended_with_stop};
+use crate::surroundings::Seen;
 use crate::{Base, BaseError, Settings};
 use process::{Pace, Pulse, Repeated, Stop, step_back};
 use protocol::clock::monotonic_nanos;
@@ -103,6 +104,7 @@ struct Plant<'a, B> {
     robot: GatedBase<B>,
     states: Sink<PlantState>,
     truths: Sink<Truth>,
+    seen: Seen,
     commands: Source<Command>,
     credits: Source<Credit>,
     pulse: Pulse,
@@ -135,6 +137,7 @@ impl<'a, B: Base> Plant<'a, B> {
             robot,
             states: ports.sink()?,
             truths: ports.sink()?,
+            seen: Seen::open(ports, identity.epoch, settings.run.period_nanos)?,
             commands,
             credits: ports.source(Since::Joining)?,
             pulse: Pulse::new(ports, Participant::Plant)?.exposed(settings.run.exposure),
@@ -224,6 +227,8 @@ impl<'a, B: Base> Plant<'a, B> {
     fn publish(&mut self, tick: u64, now: u64) -> Result<(), RunError> {
         self.take_order(tick);
         let (mut state, truth) = self.robot.begin_period(tick, now)?;
+        // Before the state: the controller that receives it has the list as well.
+        self.seen.publish(&mut self.robot, tick, now)?;
         self.states.send(&mut state)?;
         if let Some(mut truth) = truth {
             self.truths.send(&mut truth)?;
@@ -291,6 +296,11 @@ impl<'a, B: Base> Plant<'a, B> {
         self.pulse.count_source(Topic::Command, self.commands.tally());
         self.pulse.count_sink(&self.states);
         self.pulse.count_sink(&self.truths);
+        self.pulse.count_sink(self.seen.sink());
+        if self.seen.overflows {
+            let text = "more than 64 obstacles: the last ones are ignored";
+            self.pulse.health().set_last_error(text);
+        }
         self.pulse.beat();
         self.refused.due(Instant::now()).iter().for_each(tell);
     }

@@ -8,6 +8,7 @@
 //! | [`arbiter`] | which fallback level acts: a pure function of flags and time           |
 //! | [`accept`]  | whether one command may act                                            |
 //! | [`machine`] | disarmed, armed, driving, stopped: whether any command may act         |
+//! | [`list`]    | lists of obstacles: messages to shapes and back                        |
 //! | [`Gate`]    | stores the accepted command and computes the input of the wheels       |
 //!
 //! ```text
@@ -43,6 +44,7 @@ pub mod accept;
 pub mod arbiter;
 mod bounds;
 mod gate;
+pub mod list;
 pub mod machine;
 
 pub use bounds::Bounds;

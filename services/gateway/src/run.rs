@@ -9,7 +9,7 @@ use network::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use process::requests::Answers;
 use process::{Pulse, Stop};
 use protocol::message::{
-    Goal, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
+    Goal, ModelSnapshot, Obstacles, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
 };
 use protocol::topic::Topic;
 use std::thread;
@@ -149,6 +149,7 @@ struct Relay {
     snapshots: TopicRelay<ModelSnapshot>,
     truths: TopicRelay<Truth>,
     goals: TopicRelay<Goal>,
+    obstacles: TopicRelay<Obstacles>,
 }
 
 impl Relay {
@@ -161,6 +162,7 @@ impl Relay {
             snapshots: TopicRelay::open(ports, rates.snapshot)?,
             truths: TopicRelay::open(ports, rates.truth)?,
             goals: TopicRelay::open(ports, rates.goal)?,
+            obstacles: TopicRelay::open(ports, rates.obstacles)?,
         })
     }
 
@@ -182,6 +184,7 @@ impl Relay {
         let snapshot = self.snapshots.pass(now, publisher)?;
         self.truths.pass(now, publisher)?;
         let goal = self.goals.pass(now, publisher)?;
+        let obstacles = self.obstacles.pass(now, publisher)?;
         if let Some(page) = page {
             if let Some(state) = &state {
                 page.hear_state(state);
@@ -191,6 +194,9 @@ impl Relay {
             }
             if let Some(goal) = &goal {
                 page.hear_goal(goal);
+            }
+            if let Some(obstacles) = &obstacles {
+                page.hear_obstacles(obstacles);
             }
             if let Some(snapshot) = &snapshot {
                 page.hear_snapshot(snapshot);
@@ -209,6 +215,7 @@ impl Relay {
             (Topic::Snapshot, self.snapshots.tally()),
             (Topic::Truth, self.truths.tally()),
             (Topic::Goal, self.goals.tally()),
+            (Topic::Obstacles, self.obstacles.tally()),
         ] {
             pulse.count_source(topic, Tally { lost: 0, ..tally });
         }

@@ -128,6 +128,8 @@ pub struct Rates {
     pub truth: f64,
     /// The present goal.
     pub goal: f64,
+    /// What is in the robot's way.
+    pub obstacles: f64,
 }
 
 impl Default for Rates {
@@ -140,6 +142,7 @@ impl Default for Rates {
             snapshot: 1.0,
             truth: 10.0,
             goal: 10.0,
+            obstacles: 10.0,
         }
     }
 }
@@ -162,8 +165,8 @@ impl Rates {
 
     /// Time between two messages of the topic with the highest rate; at most one second.
     pub(crate) fn shortest_interval(&self) -> Duration {
-        let Self { state, plan, health, residual, snapshot, truth, goal } = *self;
-        [state, plan, health, residual, snapshot, truth, goal]
+        let Self { state, plan, health, residual, snapshot, truth, goal, obstacles } = *self;
+        [state, plan, health, residual, snapshot, truth, goal, obstacles]
             .into_iter()
             .filter_map(Self::interval)
             .min()
@@ -173,7 +176,7 @@ impl Rates {
 
 impl Check for Rates {
     fn check(&self) -> Result<(), Impossible> {
-        let Self { state, plan, health, residual, snapshot, truth, goal } = *self;
+        let Self { state, plan, health, residual, snapshot, truth, goal, obstacles } = *self;
         let rates = [
             ("state", state),
             ("plan", plan),
@@ -182,6 +185,7 @@ impl Check for Rates {
             ("snapshot", snapshot),
             ("truth", truth),
             ("goal", goal),
+            ("obstacles", obstacles),
         ];
         let impossible = rates.into_iter().find(|(_, rate)| !(0.0..=RATE_MAX).contains(rate));
         impossible

@@ -17,7 +17,7 @@ use driver::ProgramSettings;
 use gateway::settings::About;
 use process::{PRIORITY, Pace, Run};
 use protocol::message::{Exposure, Participant};
-use robot::Robot;
+use robot::{Map, Robot};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
@@ -36,6 +36,8 @@ pub struct Assembly {
     pub scenario_name: String,
     /// The robot as the controller believes it to be.
     pub robot: Robot,
+    /// Known obstacles, zones and border, if there is a map.
+    pub map: Option<Map>,
     /// Log filter.
     pub log: String,
     /// The certificates that the launch and its processes present, if there are any.
@@ -63,6 +65,17 @@ impl Check for RobotFile {
 
     fn replaced() -> &'static [(&'static str, &'static str)] {
         &[("geometry", "[wheels.mecanum] with radius_m, wheelbase_m and track_m")]
+    }
+}
+
+/// A map file.
+#[derive(Debug, Deserialize)]
+#[serde(transparent)]
+struct MapFile(Map);
+
+impl Check for MapFile {
+    fn check(&self) -> Result<(), Impossible> {
+        self.0.surroundings().map(drop).map_err(|error| Impossible::new(error.key, error.expected))
     }
 }
 
@@ -106,6 +119,7 @@ impl Assembly {
             });
         }
         let robot = robot_of(&robot_file)?;
+        let map = scenario.map.as_deref().map(settings::read::<MapFile>).transpose()?;
         graph.pace = options.pace.unwrap_or(graph.pace);
         let folder = options.certificates.clone();
         let folder = folder.or_else(|| {
@@ -154,6 +168,7 @@ impl Assembly {
             scenario,
             scenario_name,
             robot,
+            map: map.map(|MapFile(map)| map),
             log: options.log.clone(),
             #[cfg(feature = "faults")]
             faults,
@@ -280,6 +295,7 @@ impl Assembly {
             robot: self.robot,
             truth,
             program: self.scenario.world.clone(),
+            obstacles: self.scenario.obstacles.clone(),
         }
     }
 

@@ -5,6 +5,7 @@ use controller::settings::MpcSettings;
 use driver::Start;
 use driver::piped::Program;
 use learner::settings::LearnerSettings;
+use plant_sim::obstacles::ObstacleSettings;
 use plant_sim::truth::Truth;
 use serde::Deserialize;
 use settings::{Check, Impossible, SettingsError};
@@ -45,6 +46,12 @@ pub struct Scenario {
     /// scenario's. The program defines its own settings.
     #[serde(default)]
     pub world: Option<Program>,
+    /// Known obstacles, zones and border: a map file, relative to the scenario's.
+    #[serde(default)]
+    pub map: Option<PathBuf>,
+    /// Obstacles of the simulated world, which the robot's sensor sees.
+    #[serde(default)]
+    pub obstacles: Option<ObstacleSettings>,
 }
 
 /// Directory of the profiles. A world uses those of our own scenarios.
@@ -98,6 +105,9 @@ impl Scenario {
     fn located_in(mut self, folder: &Path) -> Self {
         if let Some(world) = &mut self.world {
             world.program = folder.join(&world.program);
+        }
+        if let Some(map) = &mut self.map {
+            *map = folder.join(&*map);
         }
         self
     }
@@ -219,6 +229,9 @@ impl Check for Scenario {
                 "identified",
                 "the identified.toml of an earlier run, but there is no such file",
             ));
+        }
+        if let Some(obstacles) = &self.obstacles {
+            obstacles.check().map_err(|impossible| impossible.under("obstacles"))?;
         }
         if self.truth.is_some() && self.world.is_some() {
             return Err(Impossible::new("world", "nothing beside [truth]: one world at a time"));

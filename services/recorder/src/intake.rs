@@ -7,8 +7,8 @@ use crate::store::Store;
 use crate::visual::Easel;
 use process::Pulse;
 use protocol::message::{
-    Command, Goal, Health, ModelSnapshot, Participant, Phase, Plan, PlantState, ResidualSample,
-    Truth,
+    Command, Goal, Health, ModelSnapshot, Obstacles, Participant, Phase, Plan, PlantState,
+    ResidualSample, Truth,
 };
 use protocol::topic::{OnTopic, Topic};
 use transport::{OpenError, Ports, Since, Source};
@@ -24,6 +24,7 @@ pub(crate) struct Intake {
     snapshots: Source<ModelSnapshot>,
     healths: Source<Health>,
     goals: Source<Goal>,
+    obstacles: Source<Obstacles>,
     easel: Easel,
 }
 
@@ -42,6 +43,7 @@ impl Intake {
             snapshots: ports.source(since)?,
             healths: ports.source(since)?,
             goals: ports.source(since)?,
+            obstacles: ports.source(since)?,
             easel: Easel::new(period_nanos),
         })
     }
@@ -77,6 +79,7 @@ impl Intake {
         written += drain(&mut self.residuals, store, |_, _| Ok(()))?;
         written += drain(&mut self.snapshots, store, |_, _| Ok(()))?;
         written += drain(&mut self.goals, store, |_, _| Ok(()))?;
+        written += drain(&mut self.obstacles, store, |_, _| Ok(()))?;
         Ok(written)
     }
 
@@ -90,6 +93,7 @@ impl Intake {
         pulse.count_source(Topic::Snapshot, self.snapshots.tally());
         pulse.count_source(Topic::Health, self.healths.tally());
         pulse.count_source(Topic::Goal, self.goals.tally());
+        pulse.count_source(Topic::Obstacles, self.obstacles.tally());
     }
 }
 

@@ -13,7 +13,7 @@ use process::requests::Settled;
 use process::{Pace, Run};
 use protocol::clock;
 use protocol::message::{
-    Command, Goal, Health, ModelSnapshot, Plan, PlantState, ResidualSample, Truth,
+    Command, Goal, Health, ModelSnapshot, Obstacles, Plan, PlantState, ResidualSample, Truth,
 };
 use protocol::topic::{OnTopic, TOPIC_COUNT, Topic};
 use protocol::view::{self, View};
@@ -130,6 +130,7 @@ impl Segment {
         add_channel::<Health>(&mut writer, &mut channels)?;
         add_channel::<Truth>(&mut writer, &mut channels)?;
         add_channel::<Goal>(&mut writer, &mut channels)?;
+        add_channel::<Obstacles>(&mut writer, &mut channels)?;
         let mut drawings = [(0, 0); Shown::ALL.len()];
         for (shown, (channel, _)) in Shown::ALL.into_iter().zip(&mut drawings) {
             let schema = writer.add_schema(

@@ -1,6 +1,6 @@
 //! What is known of the place before the robot drives: the content of a map file.
 
-use crate::{ImpossibleShape, Obstacle, Point, Shape};
+use crate::{Obstacle, Point, Shape};
 use serde::{Deserialize, Serialize};
 
 /// Most obstacles of a map, and most zones.
@@ -48,34 +48,12 @@ pub struct Zone {
 
 /// A map that does not exist.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ImpossibleMap {
-    /// A shape that does not exist.
-    #[error("{key}: {source}")]
-    Shape {
-        /// The key.
-        key: String,
-        /// What is wrong.
-        source: ImpossibleShape,
-    },
-    /// A border without an area.
-    #[error("fence_m: expected 3 to 8 corners that are not on one line")]
-    Fence,
-    /// A speed out of its range.
-    #[error("{key} = {value}: expected a speed from 0 to 1000 m/s")]
-    Speed {
-        /// The key.
-        key: String,
-        /// Its value.
-        value: f64,
-    },
-    /// Too many obstacles or zones.
-    #[error("{key}: expected at most {MAP_MAX}, not {count}")]
-    Count {
-        /// The key.
-        key: &'static str,
-        /// How many there are.
-        count: usize,
-    },
+#[error("{key}: {expected}")]
+pub struct ImpossibleMap {
+    /// Dotted path of the first key that is wrong.
+    pub key: String,
+    /// Values that it can have.
+    pub expected: String,
 }
 
 /// The shapes of a map.
@@ -97,19 +75,18 @@ impl Map {
     /// # Errors
     /// [`ImpossibleMap`] names the first key that is wrong.
     pub fn surroundings(&self) -> Result<Surroundings, ImpossibleMap> {
-        let counts = [("obstacles", self.obstacles.len()), ("zones", self.zones.len())];
-        if let Some((key, count)) = counts.into_iter().find(|(_, count)| *count > MAP_MAX) {
-            return Err(ImpossibleMap::Count { key, count });
+        let impossible = |key: String, expected: String| ImpossibleMap { key, expected };
+        for (key, count) in [("obstacles", self.obstacles.len()), ("zones", self.zones.len())] {
+            if count > MAP_MAX {
+                return Err(impossible(key.into(), format!("at most {MAP_MAX}, not {count}")));
+            }
         }
         let shape = |key: String, corners: &[Point], radius: f64| {
-            Shape::hull(corners, radius).map_err(|source| ImpossibleMap::Shape { key, source })
+            Shape::hull(corners, radius).map_err(|error| impossible(key, error.to_string()))
         };
         let speed = |key: String, value: f64| {
-            if (0.0..=LARGEST_MPS).contains(&value) {
-                Ok(value)
-            } else {
-                Err(ImpossibleMap::Speed { key, value })
-            }
+            let allowed = (0.0..=LARGEST_MPS).contains(&value);
+            allowed.then_some(value).ok_or_else(|| impossible(key, "0 to 1000 m/s".into()))
         };
         let obstacles = self.obstacles.iter().enumerate().map(|(index, outline)| {
             shape(format!("obstacles[{index}]"), &outline.corners_m, outline.radius_m)
@@ -120,12 +97,13 @@ impl Map {
             let limit = speed(format!("{key}.speed_mps"), zone.speed_mps)?;
             Ok((shape(key, &zone.corners_m, zone.radius_m)?, limit))
         });
+        let key = || "fence_m".to_owned();
         let fence = match self.fence_m.as_slice() {
             [] => None,
-            corners => Some(shape("fence_m".into(), corners, 0.0)?),
+            corners => Some(shape(key(), corners, 0.0)?),
         };
         if fence.is_some_and(|fence| fence.corners().len() < 3) {
-            return Err(ImpossibleMap::Fence);
+            return Err(impossible(key(), "3 to 8 corners that are not on one line".into()));
         }
         Ok(Surroundings {
             obstacles: obstacles.collect::<Result<_, _>>()?,
@@ -146,16 +124,15 @@ mod tests {
     #[test]
     fn impossible_maps_are_refused_by_key() {
         let disc = |radius_m| Outline { corners_m: vec![[0.0; 2]], radius_m };
-        let refused = |map: Map| map.surroundings().err();
-        let bad = Map { obstacles: vec![disc(0.2), disc(f64::NAN)], ..Map::default() };
-        assert!(matches!(
-            refused(bad), Some(ImpossibleMap::Shape { key, .. }) if key == "obstacles[1]"
-        ));
+        let refused = |map: Map| map.surroundings().err().map(|error| error.key);
+        let obstacles = vec![disc(0.2), disc(f64::NAN)];
+        let bad = Map { obstacles, ..Map::default() };
+        assert_eq!(refused(bad).as_deref(), Some("obstacles[1]"));
         let line = Map { fence_m: vec![[0.0; 2], [1.0, 0.0], [2.0, 0.0]], ..Map::default() };
-        assert_eq!(refused(line), Some(ImpossibleMap::Fence));
+        assert_eq!(refused(line).as_deref(), Some("fence_m"));
         let fast = Map { speed_without_obstacles_mps: -1.0, ..Map::default() };
-        assert!(matches!(refused(fast), Some(ImpossibleMap::Speed { .. })));
+        assert_eq!(refused(fast).as_deref(), Some("speed_without_obstacles_mps"));
         let many = Map { obstacles: vec![disc(0.1); MAP_MAX + 1], ..Map::default() };
-        assert!(matches!(refused(many), Some(ImpossibleMap::Count { .. })));
+        assert_eq!(refused(many).as_deref(), Some("obstacles"));
     }
 }

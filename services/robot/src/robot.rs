@@ -40,15 +40,11 @@ pub struct Footprint {
     /// Along y \[m\].
     pub width_m: f64,
     /// Distance that it keeps from obstacles \[m\].
-    #[serde(default = "Footprint::clearance_by_default")]
+    #[serde(default = "usual_clearance")]
     pub clearance_m: f64,
 }
 
 impl Footprint {
-    fn clearance_by_default() -> f64 {
-        0.05
-    }
-
     /// The rectangle, in the body frame.
     pub fn shape(&self) -> Shape {
         Shape::rectangle(self.length_m, self.width_m)
@@ -113,6 +109,10 @@ impl Default for Response {
             wheel_speed_limit_radps: None,
         }
     }
+}
+
+fn usual_clearance() -> f64 {
+    0.05
 }
 
 fn unchanged() -> Velocity {
@@ -204,7 +204,7 @@ impl Robot {
             Footprint {
                 length_m: 2.0 * (ahead + radius),
                 width_m: 2.0 * (side + radius),
-                clearance_m: Footprint::clearance_by_default(),
+                clearance_m: usual_clearance(),
             }
         })
     }

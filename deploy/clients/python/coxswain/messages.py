@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from .encoding import REAL, U32, U64, numbers, one_of, record, sequence, several, text, varint
 
-VERSION = 8
+VERSION = 9
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class PlantState:
     accepted_tick: Annotated[int, U64]
     refused: Annotated[int, U64]
     fallback_level: Annotated[int, varint(7)]
-    reason: Annotated[int, varint(23)]
+    reason: Annotated[int, varint(27)]
     wheels: Annotated[int, varint(9)]
     wheel_speed_valid: Annotated[int, varint(2)]
     current_valid: Annotated[int, varint(2)]
     estop: Annotated[int, varint(2)]
     gate: Annotated[int, varint(4)]
-    stop: Annotated[int, varint(23)]
+    stop: Annotated[int, varint(27)]
 
 
 @dataclass(frozen=True)
@@ -126,11 +126,11 @@ class Health:
     models_left: Annotated[int, U64]
     snapshots: Annotated[int, U64]
     snapshots_refused: Annotated[int, U64]
-    sent: Annotated[tuple[int, ...], several(U64, 9)]
-    received: Annotated[tuple[int, ...], several(U64, 9)]
-    lost: Annotated[tuple[int, ...], several(U64, 9)]
-    refused: Annotated[tuple[int, ...], several(U64, 9)]
-    dropped: Annotated[tuple[int, ...], several(U64, 9)]
+    sent: Annotated[tuple[int, ...], several(U64, 10)]
+    received: Annotated[tuple[int, ...], several(U64, 10)]
+    lost: Annotated[tuple[int, ...], several(U64, 10)]
+    refused: Annotated[tuple[int, ...], several(U64, 10)]
+    dropped: Annotated[tuple[int, ...], several(U64, 10)]
     last_error: Annotated[str, text(120)]
 
 
@@ -152,7 +152,7 @@ class Truth:
     takeovers: Annotated[int, U32]
     takeovers_back: Annotated[int, U32]
     fallback_level: Annotated[int, varint(7)]
-    reason: Annotated[int, varint(23)]
+    reason: Annotated[int, varint(27)]
     wheels: Annotated[int, varint(9)]
 
 
@@ -184,4 +184,17 @@ class Goal:
     phase: Annotated[int, varint(4)]
 
 
-ALL = (PlantState, Command, ResidualSample, Plan, Health, Truth, Credit, Goal)
+@dataclass(frozen=True)
+class Obstacles:
+    """The message on the topic obstacles."""
+
+    KIND: ClassVar[int] = 10
+    stamp: Annotated[Stamp, STAMP]
+    plant_epoch: Annotated[int, U64]
+    age_s: Annotated[float, REAL]
+    valid_s: Annotated[float, REAL]
+    source: Annotated[int, varint(2)]
+    obstacles: Annotated[tuple[tuple[float, ...], ...], sequence(numbers(19), 64)]
+
+
+ALL = (PlantState, Command, ResidualSample, Plan, Health, Truth, Credit, Goal, Obstacles)

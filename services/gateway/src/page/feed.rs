@@ -9,7 +9,8 @@ use crate::comparison::{Comparison, Row, Standing};
 use crate::settings::{About, Settings};
 use process::requests::Settled;
 use protocol::message::{
-    FallbackLevel, Goal, Health, ModelSnapshot, Participant, Plan, PlantState, Reason,
+    FallbackLevel, Goal, Health, ModelSnapshot, OBSTACLE_NUMBERS, ObstacleSource, Obstacles,
+    Participant, Plan, PlantState, Reason,
 };
 use serde::Serialize;
 use std::sync::Arc;
@@ -31,6 +32,8 @@ pub(crate) struct Feed {
     plans: History<PlanRow>,
     model: Option<Model>,
     goal: Option<Goal>,
+    /// Those of each source, if it has sent a list.
+    obstacles: [Option<Vec<[f64; OBSTACLE_NUMBERS]>>; ObstacleSource::ALL.len()],
     processes: [Option<Process>; Participant::ALL.len()],
     logbook: Logbook,
     comparison: Comparison,
@@ -45,6 +48,7 @@ struct Gathered {
     horizon: Option<Horizon>,
     model: bool,
     goal: bool,
+    obstacles: bool,
     entries_told: u64,
     processes_told: Option<Instant>,
 }
@@ -126,6 +130,9 @@ struct Stands<'a> {
     model: Option<&'a Model>,
     #[serde(skip_serializing_if = "Option::is_none")]
     goal: Option<GoalRow>,
+    /// Velocity, radius and corners of each \[m/s, m/s, m, m, …\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    obstacles: Option<Vec<Vec<f64>>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessRow<'a>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -146,6 +153,7 @@ impl Feed {
             plans: History::new(),
             model: None,
             goal: None,
+            obstacles: Default::default(),
             processes: Default::default(),
             logbook: Logbook::default(),
             comparison: Comparison::new(without),
@@ -172,6 +180,7 @@ impl Feed {
             self.states.clear();
             self.plans.clear();
             self.comparison.start_again();
+            self.obstacles = Default::default();
             self.news = Gathered {
                 model: self.news.model,
                 entries_told: self.news.entries_told,
@@ -227,6 +236,14 @@ impl Feed {
             self.logbook.write(self.now_s(), Participant::Controller, Sort::Note, text);
         }
         self.news.goal = true;
+    }
+
+    /// Receives a list of obstacles.
+    pub(crate) fn hear_obstacles(&mut self, list: &Obstacles) {
+        if let Some(place) = self.obstacles.get_mut(list.source as usize) {
+            *place = Some(list.rows().to_vec());
+        }
+        self.news.obstacles = true;
     }
 
     /// Receives the health of a process.
@@ -299,6 +316,7 @@ impl Feed {
             && news.plans.is_empty()
             && !news.model
             && !news.goal
+            && !news.obstacles
             && entries_told == news.entries_told;
         if nothing && !processes {
             return None;
@@ -307,6 +325,7 @@ impl Feed {
         standing.horizon = news.horizon.as_ref();
         standing.model = standing.model.filter(|_| news.model);
         standing.goal = standing.goal.filter(|_| news.goal);
+        standing.obstacles = standing.obstacles.filter(|_| news.obstacles);
         Some(said("news", &News { states: &news.states, plans: &news.plans, standing }))
     }
 
@@ -316,6 +335,14 @@ impl Feed {
         self.news = Gathered { entries_told, ..Gathered::default() };
     }
 
+    /// The obstacles of all sources; none if there has been no list.
+    fn drawn_obstacles(&self) -> Option<Vec<Vec<f64>>> {
+        let lists = self.obstacles.iter().flatten();
+        let rows = lists.clone().flatten();
+        let rows = rows.map(|row| row.iter().copied().map(round).collect()).collect();
+        (lists.count() > 0).then_some(rows)
+    }
+
     fn stands(&self, now: Instant, processes: bool, entries_told: u64) -> Stands<'_> {
         let everybody = self.processes.iter().flatten().map(|process| process_row(process, now));
         Stands {
@@ -323,6 +350,7 @@ impl Feed {
             horizon: self.news.horizon.as_ref(),
             model: self.model.as_ref(),
             goal: self.goal.as_ref().map(GoalRow::new),
+            obstacles: self.drawn_obstacles(),
             processes: if processes { everybody.collect() } else { Vec::new() },
             entries: self.logbook.since(entries_told),
             compared: self.comparison.standing(),

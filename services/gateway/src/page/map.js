@@ -162,6 +162,30 @@ function drawGoal(pen, eye) {
   pen.fillText(`goal ${id} (${kind}): ${phase === "active" ? rest : phase}`, 12, 22);
 }
 
+// Draws each obstacle: the hull of its corners, grown by its radius, and where it will be in 1 s.
+function drawObstacles(pen, eye) {
+  pen.lineJoin = pen.lineCap = "round";
+  for (const [vx, vy, radius, ...corners] of store.obstacles) {
+    const points = [];
+    for (let i = 0; i < corners.length; i += 2) points.push([corners[i], corners[i + 1]]);
+    const outline = (seconds) => {
+      pen.beginPath();
+      points.forEach(([x, y]) => pen.lineTo(...eye.to([x + vx * seconds, y + vy * seconds])));
+      pen.closePath();
+    };
+    for (const seconds of vx || vy ? [1, 0] : [0]) {
+      pen.globalAlpha = seconds ? 0.2 : 0.75;
+      pen.strokeStyle = pen.fillStyle = colours.bad;
+      // A line around the corners is as wide as the disc, and at least visible.
+      pen.lineWidth = Math.max(2, 2 * radius * eye.scale);
+      outline(seconds);
+      pen.fill();
+      pen.stroke();
+    }
+  }
+  pen.globalAlpha = 1;
+}
+
 // Draws the map. Returns a text with the scale of the uncertainty.
 function drawMap(canvas, view, still) {
   const { pen, width, height } = sheet(canvas);
@@ -183,6 +207,7 @@ function drawMap(canvas, view, still) {
     line(pen, beside(reference, offset).map(eye.to), colours.bad, 1.5);
   }
   line(pen, reference.map(eye.to), colours.reference, 9);
+  drawObstacles(pen, eye);
   if (store.goal) drawGoal(pen, eye);
   else drawWithout(pen, eye);
   line(pen, [...store.path.map(eye.to), eye.to(pose)], colours.with, 2.5);

@@ -23,12 +23,13 @@ const ENTRIES_MAX = 100;
 const store = {
   hello: null, run: null, arrived: 0,
   states: [], plans: [], path: [], without: [],
-  horizon: null, model: null, goal: null, compared: null, processes: [], entries: [],
+  horizon: null, model: null, goal: null, obstacles: [], compared: null,
+  processes: [], entries: [],
 };
 
 // A new epoch of the plant: its time starts at zero.
 function startRun(run) {
-  const none = { horizon: null, goal: null, compared: null };
+  const none = { horizon: null, goal: null, obstacles: [], compared: null };
   Object.assign(store, { run, states: [], plans: [], path: [], ...none });
 }
 
@@ -50,7 +51,7 @@ function take(message) {
   for (const row of fresh) store.path.push([row[S.x], row[S.y]]);
   if (store.path.length > PATH_MAX) store.path = store.path.filter((_, index) => index % 2 === 0);
   append(store.plans, message.plans);
-  for (const part of ["horizon", "model", "goal", "compared", "processes"]) {
+  for (const part of ["horizon", "model", "goal", "obstacles", "compared", "processes"]) {
     if (message[part]) store[part] = message[part];
   }
   for (const entry of message.entries || []) note(entry);

@@ -232,7 +232,7 @@ impl Reading {
                 let Stamped { stamp } = serde_json::from_slice(json)?;
                 self.rows.add_command(stamp);
             }
-            Topic::Credit | Topic::Goal => {}
+            Topic::Credit | Topic::Goal | Topic::Obstacles => {}
         }
         Ok(())
     }
