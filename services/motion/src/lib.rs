@@ -6,6 +6,7 @@
 //! | `profile`   | to a pose, to a velocity, to a standstill: jerk-limited (Ruckig)           |
 //! | `curve`     | points → a smooth curve with headings                                     |
 //! | `timing`    | a curve → the fastest motion along it within the limits                   |
+//! | `route`     | obstacles → a way around them, as points (A*)                             |
 //!
 //! Poses are in the world (x, y, yaw) \[m, m, rad\], yaw is not wrapped. Velocities and
 //! accelerations of a [`Moment`] are those of the pose, in the world as well.
@@ -23,11 +24,13 @@
 mod curve;
 pub mod limits;
 mod profile;
+mod route;
 mod timing;
 
 pub use curve::{Heading, Waypoint};
 pub use limits::Limits;
 pub use profile::{to_pose, to_standstill, with_velocity};
+pub use route::{Ground, route};
 pub use timing::along;
 
 use robot::AXES;
@@ -140,6 +143,20 @@ pub enum MotionError {
         /// Largest distance \[m\].
         most_m: f64,
     },
+    /// The robot cannot stand at the goal.
+    #[error(
+        "the goal is {room_m:.2} m from an obstacle or from the border: expected at least \
+         {needed_m:.2} m"
+    )]
+    GoalBlocked {
+        /// Distance to it \[m\].
+        room_m: f64,
+        /// Smallest distance that the robot needs \[m\].
+        needed_m: f64,
+    },
+    /// Obstacles are all around the robot or the goal.
+    #[error("no way leads around the obstacles to the goal")]
+    NoWay,
     /// No motion within the limits was found.
     #[error("no motion within the limits was found: {reason}")]
     NotFound {

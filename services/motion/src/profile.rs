@@ -15,8 +15,8 @@ const ATTEMPTS: usize = 12;
 const OVERSHOOT: f64 = 1.01;
 /// Excess of the limits that counts as none.
 const SLACK: f64 = 1e-3;
-/// Times at which the limits are checked.
-const CHECKS: usize = 200;
+/// Times at which the limits are checked. The peaks of an acceleration are short.
+const CHECKS: usize = 2000;
 /// Interval of the integration of a body velocity \[s\].
 const STEP_S: f64 = 2e-3;
 /// Interval that `rsruckig` requires and does not use here \[s\].
