@@ -10,16 +10,18 @@
 //! with their velocity and acceleration. Where the robot is far from its reference, it begins at
 //! the robot.
 
+mod clear;
+
 use crate::reference::{Reference, ReferencePoint};
+use clear::Clear;
 use model::{Pose, Velocity, wrap};
 use motion::limits::Stated;
 use motion::{
-    Heading, Limits, Moment, Motion, MotionError, Waypoint, along, to_pose, to_standstill,
-    with_velocity,
+    Heading, Limits, Moment, Motion, MotionError, Waypoint, along, to_standstill, with_velocity,
 };
 use process::requests::GOAL_MARK;
-use protocol::message::{GateState, Goal, GoalKind, GoalPhase};
-use robot::Robot;
+use protocol::message::{GateState, Goal, GoalKind, GoalPhase, OBSTACLES_MAX, ObstacleSource};
+use robot::{Obstacle, Robot, Surroundings};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -176,6 +178,8 @@ pub struct Outlook {
     pub velocity: Velocity,
     /// State of the gate.
     pub gate: GateState,
+    /// Obstacles of the newest lists.
+    pub obstacles: Vec<Obstacle>,
 }
 
 impl Outlook {
@@ -188,6 +192,7 @@ impl Outlook {
             pose: [0.0; 3],
             velocity: [0.0; 3],
             gate: GateState::Disarmed,
+            obstacles: Vec::with_capacity(ObstacleSource::ALL.len() * OBSTACLES_MAX),
         }
     }
 }
@@ -207,7 +212,8 @@ pub struct Course {
 }
 
 impl Course {
-    /// The way to do `request`, which has the number `id`, from `outlook` on.
+    /// The way to do `request`, which has the number `id`, from `outlook` on, clear of what `map`
+    /// and `outlook` have.
     ///
     /// # Errors
     /// [`GoalError`] if the robot cannot do that.
@@ -216,6 +222,7 @@ impl Course {
         id: u64,
         outlook: &Outlook,
         robot: &Robot,
+        map: &Surroundings,
         period_s: f64,
     ) -> Result<Self, GoalError> {
         if matches!(outlook.gate, GateState::Disarmed | GateState::Stopped) {
@@ -226,7 +233,8 @@ impl Course {
         // A motion that begins at the robot is behind it by as much when it is taken.
         let taken_within = if points.is_empty() { exchange_ticks(period_s) } else { points.len() };
         let mut course = points.last().map_or(outlook.pose[2], |point| point.course);
-        for motion in motions(&request.goal, &begin, &limits)? {
+        let clear = Clear::of(robot.footprint(), map, &outlook.obstacles);
+        for motion in motions(&request.goal, &begin, &limits, &clear)? {
             if motion.duration_s() > MOTION_MAX_S {
                 return Err(GoalError::TooLong { duration_s: motion.duration_s() });
             }
@@ -267,10 +275,15 @@ impl Demand {
 }
 
 /// The motions that do it, one after the other, from `begin` on.
-fn motions(demand: &Demand, begin: &Moment, limits: &Limits) -> Result<Vec<Motion>, MotionError> {
+fn motions(
+    demand: &Demand,
+    begin: &Moment,
+    limits: &Limits,
+    clear: &Clear,
+) -> Result<Vec<Motion>, MotionError> {
     Ok(match demand {
         Demand::Hold {} => vec![to_standstill(begin, limits)?],
-        Demand::Pose { to } => vec![to_pose(begin, *to, limits)?],
+        Demand::Pose { to } => clear.motions(begin, *to, limits)?,
         Demand::Velocity { velocity, valid_s } => {
             vec![with_velocity(begin, *velocity, *valid_s, limits)?]
         }

@@ -19,12 +19,13 @@ fn driving() -> Outlook {
         pose: [0.0; 3],
         velocity: [0.5, 0.0, 0.0],
         gate: GateState::Driving,
+        obstacles: Vec::new(),
     }
 }
 
 fn course(demand: Demand, outlook: &Outlook) -> Result<Course, GoalError> {
     let request = GoalRequest { goal: demand, limits: Stated::default() };
-    Course::new(&request, 1, outlook, &Robot::example(), PERIOD_S)
+    Course::new(&request, 1, outlook, &Robot::example(), &Surroundings::default(), PERIOD_S)
 }
 
 fn demands() -> Vec<Demand> {
@@ -100,7 +101,9 @@ fn goals_that_no_robot_can_do_are_refused() {
     assert!(matches!(far, Some(GoalError::Motion(MotionError::NotFinite { .. }))));
     let slow = Stated { speed_mps: Some(1e-3), ..Stated::default() };
     let request = GoalRequest { goal: Demand::Pose { to: [900.0, 0.0, 0.0] }, limits: slow };
-    let long = Course::new(&request, 1, &driving(), &Robot::example(), PERIOD_S).err();
+    let long =
+        Course::new(&request, 1, &driving(), &Robot::example(), &Surroundings::default(), PERIOD_S)
+            .err();
     assert!(matches!(long, Some(GoalError::TooLong { .. })), "{long:?}");
     for gate in [GateState::Disarmed, GateState::Stopped] {
         let shut = course(Demand::Hold {}, &Outlook { gate, ..driving() }).err();

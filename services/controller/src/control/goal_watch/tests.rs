@@ -3,6 +3,7 @@ use crate::goal::{Course, Demand, GoalRequest, Outlook};
 use model::State;
 use motion::limits::Stated;
 use protocol::message::{Goal, GoalPhase};
+use robot::Surroundings;
 use std::error::Error;
 use std::ops::Range;
 
@@ -19,7 +20,7 @@ fn course(robot: &Robotic, id: u64, to: [f64; 3]) -> Result<Course, Box<dyn Erro
     let heap = allocation_counter::measure(|| assert!(robot.controller.look_out(&mut outlook)));
     assert_eq!(heap.count_total, 0, "{} bytes", heap.bytes_total);
     let request = GoalRequest { goal: Demand::Pose { to }, limits: Stated::default() };
-    Ok(Course::new(&request, id, &outlook, &told().robot, PERIOD_S)?)
+    Ok(Course::new(&request, id, &outlook, &told().robot, &Surroundings::default(), PERIOD_S)?)
 }
 
 /// Takes the goal at `tick`, without an allocation. What is replaced stays in `course`.

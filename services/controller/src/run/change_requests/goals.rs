@@ -7,6 +7,7 @@ use crate::settings::Settings;
 use model::delay::DELAY_MAX;
 use process::requests::Request;
 use protocol::message::HORIZON_MAX;
+use robot::Surroundings;
 use std::time::{Duration, Instant};
 
 /// Attempts to hand the reference over before its begin has passed.
@@ -92,8 +93,14 @@ impl GoalUnderWay {
             Stage::Outlook => match handover.outlook.pop() {
                 Some(outlook) => {
                     let period_s = settings.run.period_nanos as f64 * 1e-9;
-                    let course =
-                        Course::new(&self.request, self.id, &outlook, &settings.robot, period_s)?;
+                    let course = Course::new(
+                        &self.request,
+                        self.id,
+                        &outlook,
+                        &settings.robot,
+                        &Surroundings::default(),
+                        period_s,
+                    )?;
                     drop(handover.course.push(Box::new(course)));
                     self.stage = Stage::Exchange;
                 }

@@ -1,0 +1,156 @@
+//! To a pose, clear of all obstacles that stand.
+
+use motion::{
+    Ground, Heading, Limits, Moment, Motion, MotionError, Waypoint, along, route, to_pose,
+    to_standstill,
+};
+use robot::{Footprint, Obstacle, Shape, Surroundings};
+
+/// An obstacle that is slower counts as one that stands \[m/s\].
+const STANDS_MPS: f64 = 0.05;
+/// Interval at which a motion is checked for collisions \[s\].
+const CHECK_EVERY_S: f64 = 0.02;
+
+/// What a motion keeps clear of.
+#[derive(Debug, Clone)]
+pub(super) struct Clear {
+    footprint: Footprint,
+    obstacles: Vec<Obstacle>,
+    fence: Option<Shape>,
+}
+
+impl Clear {
+    /// Of the obstacles of the map, and of those of `seen` that stand.
+    pub(super) fn of(footprint: Footprint, map: &Surroundings, seen: &[Obstacle]) -> Self {
+        let stands = |obstacle: &&Obstacle| {
+            let [x, y] = obstacle.velocity_mps;
+            x.hypot(y) <= STANDS_MPS
+        };
+        let obstacles = map.obstacles.iter().chain(seen.iter().filter(stands)).copied().collect();
+        Self { footprint, obstacles, fence: map.fence }
+    }
+
+    /// The motions from `begin` to `to`: straight if nothing is in the way. Otherwise the robot
+    /// stops, then drives around the obstacles, and turns on the last part of the way.
+    pub(super) fn motions(
+        &self,
+        begin: &Moment,
+        to: [f64; 3],
+        limits: &Limits,
+    ) -> Result<Vec<Motion>, MotionError> {
+        let straight = to_pose(begin, to, limits)?;
+        if self.allows(&straight) {
+            return Ok(vec![straight]);
+        }
+        let ground = self.ground();
+        let shape = self.footprint.shape();
+        let room = self.room(&shape, &to);
+        if room < 0.0 {
+            return Err(MotionError::GoalBlocked { room_m: 0.0, needed_m: -room });
+        }
+        let stop = to_standstill(begin, limits)?;
+        let from = stop.at(stop.duration_s()).pose;
+        let corners = route([from[0], from[1]], [to[0], to[1]], &ground)?;
+        let without_yaw = |position| Waypoint { position, yaw: None };
+        let mut points = vec![without_yaw([from[0], from[1]])];
+        points.extend(corners.into_iter().map(without_yaw));
+        if let Some(last) = points.last_mut() {
+            last.yaw = Some(to[2]);
+        }
+        Ok(vec![stop, along(from, &points, Heading::Given, limits)?])
+    }
+
+    /// Whether the robot does not touch anything on `motion`.
+    fn allows(&self, motion: &Motion) -> bool {
+        if self.obstacles.is_empty() && self.fence.is_none() {
+            return true;
+        }
+        let shape = self.footprint.shape().grown(self.footprint.clearance_m);
+        let checks = (motion.duration_s() / CHECK_EVERY_S).ceil() as usize;
+        (0..=checks).all(|check| {
+            let pose = motion.at(check as f64 * CHECK_EVERY_S).pose;
+            self.room(&shape, &pose) >= 0.0
+        })
+    }
+
+    /// Distance of `shape` at `pose` to the nearest obstacle, or to the border \[m\].
+    fn room(&self, shape: &Shape, pose: &[f64; 3]) -> f64 {
+        let placed = shape.placed(pose);
+        let to_obstacles = self
+            .obstacles
+            .iter()
+            .map(|obstacle| placed.separation(&obstacle.shape).distance_m)
+            .fold(f64::INFINITY, f64::min);
+        let border = Ground { obstacles: &[], ..self.ground() };
+        let to_border = placed.corners().iter().map(|corner| border.room(*corner));
+        to_border.map(|room| room - shape.radius_m()).fold(to_obstacles, f64::min)
+    }
+
+    fn ground(&self) -> Ground<'_> {
+        let Footprint { length_m, width_m, clearance_m } = self.footprint;
+        Ground {
+            obstacles: &self.obstacles,
+            fence: self.fence.as_ref(),
+            outer_m: 0.5 * length_m.hypot(width_m) + clearance_m,
+            inner_m: 0.5 * length_m.min(width_m),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot::{Robot, Shape};
+    use std::error::Error;
+
+    fn clear(discs: &[([f64; 2], f64)]) -> Result<Clear, Box<dyn Error>> {
+        let discs = discs
+            .iter()
+            .map(|(centre, radius)| Shape::hull(&[*centre], *radius).map(Obstacle::standing));
+        let obstacles = discs.collect::<Result<_, _>>()?;
+        let map = Surroundings { obstacles, ..Surroundings::default() };
+        Ok(Clear::of(Robot::example().footprint(), &map, &[]))
+    }
+
+    fn touches(clear: &Clear, motions: &[Motion]) -> bool {
+        let shape = clear.footprint.shape();
+        motions.iter().any(|motion| {
+            (0..=2000).any(|i| {
+                let pose = motion.at(motion.duration_s() * f64::from(i) / 2000.0).pose;
+                clear.room(&shape, &pose) < 0.0
+            })
+        })
+    }
+
+    #[test]
+    fn a_pose_behind_an_obstacle_is_reached_without_touching_it() -> Result<(), Box<dyn Error>> {
+        let limits = Limits::of(&Robot::example());
+        let clear = clear(&[([2.0, 0.1], 0.4), ([2.0, -0.9], 0.3)])?;
+        let motions = clear.motions(&Moment::default(), [4.0, 0.0, 1.5], &limits)?;
+        assert!(!touches(&clear, &motions));
+        let last = motions.last().map(|motion| motion.at(motion.duration_s()).pose);
+        let [x, y, yaw] = last.unwrap_or_default();
+        assert!((x - 4.0).abs() < 1e-6 && y.abs() < 1e-6 && (yaw - 1.5).abs() < 1e-6);
+        Ok(())
+    }
+
+    #[test]
+    fn an_obstacle_beside_the_way_changes_nothing() -> Result<(), Box<dyn Error>> {
+        let limits = Limits::of(&Robot::example());
+        let motions =
+            clear(&[([2.0, 2.0], 0.4)])?.motions(&Moment::default(), [4.0, 0.0, 0.0], &limits)?;
+        let straight = to_pose(&Moment::default(), [4.0, 0.0, 0.0], &limits)?;
+        assert_eq!(motions.len(), 1);
+        assert!((motions[0].duration_s() - straight.duration_s()).abs() < 1e-12);
+        Ok(())
+    }
+
+    #[test]
+    fn a_pose_in_an_obstacle_is_refused() -> Result<(), Box<dyn Error>> {
+        let limits = Limits::of(&Robot::example());
+        let motions =
+            clear(&[([4.0, 0.0], 0.3)])?.motions(&Moment::default(), [4.0, 0.2, 0.0], &limits);
+        assert!(matches!(motions, Err(MotionError::GoalBlocked { .. })));
+        Ok(())
+    }
+}
