@@ -48,6 +48,7 @@ fn settings() -> Settings {
             ramp_s: 0.0,
             speed_factor: 1.0,
         },
+        goals: Vec::new(),
         mpc: MpcSettings {
             horizon_steps: 5,
             control_horizon_steps: 3,

@@ -11,16 +11,20 @@
 //! the robot.
 
 mod clear;
+pub mod schedule;
 
 use crate::reference::{Reference, ReferencePoint};
 use clear::Clear;
+use model::delay::DELAY_MAX;
 use model::{Pose, Velocity, wrap};
 use motion::limits::Stated;
 use motion::{
     Heading, Limits, Moment, Motion, MotionError, Waypoint, along, to_standstill, with_velocity,
 };
 use process::requests::GOAL_MARK;
-use protocol::message::{GateState, Goal, GoalKind, GoalPhase, OBSTACLES_MAX, ObstacleSource};
+use protocol::message::{
+    GateState, Goal, GoalKind, GoalPhase, HORIZON_MAX, OBSTACLES_MAX, ObstacleSource,
+};
 use robot::{Obstacle, Robot, Surroundings};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -29,6 +33,8 @@ use std::ops::RangeInclusive;
 const NEAR: (f64, f64) = (0.2, 0.3);
 /// Time that the exchange of the reference may take \[s\].
 const EXCHANGE_S: f64 = 0.1;
+/// Points of the way ahead: those that the control thread knows.
+pub const OUTLOOK_POINTS: usize = DELAY_MAX + HORIZON_MAX + 1;
 /// Longest time for which a velocity can be valid \[s\].
 pub const VELOCITY_VALID_MAX_S: f64 = 60.0;
 /// Range of each limit that a request states.
@@ -103,6 +109,12 @@ pub enum GoalError {
     Validity {
         /// Its value.
         valid_s: f64,
+    },
+    /// It is given at no time.
+    #[error("at_s = {at_s}: expected a finite number of seconds, 0 or more")]
+    Schedule {
+        /// Its value.
+        at_s: f64,
     },
     /// The wheels are not driven.
     #[error("the gate is {state}: expected a robot that drives; see `coxswain arm` and `resume`")]

@@ -9,6 +9,8 @@ use crate::adopt::{Arrival, Event, Handover};
 use crate::complaints::{Complaints, Sentence};
 use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
+use crate::goal::schedule::Schedule;
+use crate::goal::{Course, OUTLOOK_POINTS, Outlook};
 use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
@@ -20,6 +22,7 @@ use protocol::message::{
     Command, Goal, GoalPhase, Participant, Phase, Plan, PlantState, ResidualSample,
 };
 use protocol::topic::Topic;
+use robot::Surroundings;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
@@ -157,6 +160,8 @@ struct Loop<'a> {
     rehearse_at: Option<u64>,
     /// Held from the rehearsal to the answer.
     seat: Seat,
+    /// In lock step, the goals of the scenario.
+    schedule: Schedule,
 }
 
 impl<'a> Loop<'a> {
@@ -191,6 +196,7 @@ impl<'a> Loop<'a> {
             goal_told: None,
             rehearse_at: None,
             seat: Seat::new(),
+            schedule: Schedule::new(&settings.goals, settings.run.period_nanos as f64 * 1e-9),
         })
     }
 
@@ -268,7 +274,10 @@ impl<'a> Loop<'a> {
         self.count(plant_epoch, tick, nanos);
         match self.settings.run.pace {
             Pace::RealTime => self.take_newest(tick),
-            Pace::LockStep => self.take_due(tick + 1, stop)?,
+            Pace::LockStep => {
+                self.take_due(tick + 1, stop)?;
+                self.follow_schedule(tick + 1);
+            }
         }
         self.controller.prepare_next();
         self.tune();
@@ -405,6 +414,26 @@ impl<'a> Loop<'a> {
             let from = self.controller.follow(&mut course, next).then_some(next);
             if let Err((course, _)) = self.handover.followed.push((course, from)) {
                 Box::leak(course);
+            }
+        }
+    }
+
+    /// Lock step: follows the goal of the scenario that is due at `tick`, from `tick` on.
+    fn follow_schedule(&mut self, tick: u64) {
+        let Some((id, request)) = self.schedule.due(tick) else { return };
+        let mut outlook = Outlook::with_room(OUTLOOK_POINTS);
+        if !self.controller.look_out(&mut outlook) {
+            return;
+        }
+        let period_s = self.settings.run.period_nanos as f64 * 1e-9;
+        let map = Surroundings::default();
+        match Course::new(&request, id, &outlook, &self.settings.robot, &map, period_s) {
+            Ok(mut course) => {
+                self.controller.follow(&mut course, tick);
+            }
+            Err(error) => {
+                tracing::warn!(tick, "a goal of the scenario is refused: {error}");
+                self.pulse.health().set_last_error(&format!("goal {id}: {error}"));
             }
         }
     }

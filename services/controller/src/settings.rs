@@ -3,6 +3,7 @@
 #[cfg(feature = "faults")]
 mod solver_fault;
 
+use crate::goal::schedule::{self, Scheduled};
 use crate::reference::{PLACE_MAX, ReferenceSettings, is_place};
 use model::learned::Layout;
 use protocol::message::HORIZON_MAX;
@@ -34,6 +35,9 @@ pub struct Settings {
     pub robot: Robot,
     /// The reference trajectory.
     pub reference: ReferenceSettings,
+    /// Goals of the scenario.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub goals: Vec<Scheduled>,
     /// The optimiser and the fallback.
     pub mpc: MpcSettings,
     /// Use of learned models.
@@ -332,6 +336,7 @@ impl Check for Settings {
         })?;
         self.reference.check().map_err(|e| e.under("reference"))?;
         self.mpc.check().map_err(|e| e.under("mpc"))?;
+        schedule::check(&self.goals)?;
         #[cfg(feature = "faults")]
         self.solver_faults.check().map_err(|e| e.under("solver_faults"))?;
         if !is_place(&self.start) {

@@ -327,6 +327,7 @@ impl Assembly {
             start: self.scenario.start.pose,
             robot: self.robot,
             reference: self.scenario.reference.clone(),
+            goals: self.scenario.goals.clone(),
             mpc: self.scenario.mpc,
             identified: self.scenario.identified.clone(),
             learned: LearnedSettings {

@@ -1,5 +1,6 @@
 //! The scenario file: reference, control settings, and the true world of the simulator.
 
+use controller::goal::schedule::{self, Scheduled};
 use controller::reference::{PLACE_MAX, Reference, ReferenceSettings, is_place};
 use controller::settings::MpcSettings;
 use driver::Start;
@@ -31,6 +32,9 @@ pub struct Scenario {
     pub start: Start,
     /// Reference to follow.
     pub reference: ReferenceSettings,
+    /// Goals that are given at their times.
+    #[serde(default)]
+    pub goals: Vec<Scheduled>,
     /// Settings of the controller.
     pub mpc: MpcSettings,
     /// Settings of the learner.
@@ -216,6 +220,7 @@ impl Check for Scenario {
                 )
             },
         )?;
+        schedule::check(&self.goals)?;
         self.mpc.check().map_err(|impossible| impossible.under("mpc"))?;
         self.learner.check().map_err(|impossible| impossible.under("learner"))?;
         if self.learner.resume.as_ref().is_some_and(|file| !file.is_file()) {

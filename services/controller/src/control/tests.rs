@@ -31,6 +31,7 @@ pub(crate) fn told() -> Settings {
             ramp_s: 0.0,
             speed_factor: 1.0,
         },
+        goals: Vec::new(),
         mpc: settings(),
         identified: None,
         learned: LearnedSettings {

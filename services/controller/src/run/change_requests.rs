@@ -7,8 +7,10 @@ use crate::adopt::Handover;
 use crate::control::ControllerError;
 use crate::control::tuning::{RULES, Tuned};
 use crate::goal::GoalError;
+use crate::goal::schedule::Schedule;
 use crate::settings::Settings;
-use goals::{GoalUnderWay, Progress};
+use goals::{GoalUnderWay, Origin, Progress};
+use process::Pace;
 use process::requests::{Inbox, NotAsked, Outcome, Request, earlier_goal};
 use protocol::message::Participant;
 use settings::change::{Change, ChangeError, changed};
@@ -45,6 +47,8 @@ pub(super) struct ChangeRequests {
     /// Settings in use.
     settings: Settings,
     under_way: Option<UnderWay>,
+    /// In real time, the goals of the scenario.
+    schedule: Schedule,
 }
 
 impl ChangeRequests {
@@ -53,10 +57,14 @@ impl ChangeRequests {
             let (number, request) = earlier_goal(&settings.run, Participant::Controller)?;
             GoalUnderWay::again(&request, number)
         });
+        // In lock step the control thread follows the schedule itself.
+        let real_time = settings.run.pace == Pace::RealTime;
+        let goals = if real_time { settings.goals.as_slice() } else { &[] };
         Self {
             inbox: Inbox::open(&settings.run, Participant::Controller),
             settings: settings.clone(),
             under_way: earlier.flatten().map(UnderWay::Goal),
+            schedule: Schedule::new(goals, settings.run.period_nanos as f64 * 1e-9),
         }
     }
 
@@ -72,8 +80,13 @@ impl ChangeRequests {
         if self.under_way.is_some() {
             return;
         }
-        let Some(request) = self.inbox.take() else { return };
         let taken_at_tick = handover.tick.load(Ordering::Relaxed);
+        if let Some((id, request)) = self.schedule.due(taken_at_tick) {
+            let goal = GoalUnderWay::of(request, id, Origin::Schedule, taken_at_tick);
+            self.under_way = Some(UnderWay::Goal(goal));
+            return;
+        }
+        let Some(request) = self.inbox.take() else { return };
         match self.take(request, taken_at_tick, handover) {
             Ok(under_way) => self.under_way = Some(under_way),
             Err(refusal) => self.refuse(&refusal),
@@ -133,15 +146,19 @@ impl ChangeRequests {
     fn carry_on_goal(&mut self, handover: &Handover) {
         let Some(UnderWay::Goal(goal)) = &mut self.under_way else { return };
         let progress = goal.carry_on(handover, &self.settings);
-        let (is_asked, taken_at_tick) = (goal.is_asked(), goal.taken_at_tick());
+        let (origin, taken_at_tick) = (goal.origin(), goal.taken_at_tick());
         match progress {
             Ok(Progress::Waits) => return,
-            Ok(Progress::Followed { plant_epoch, from }) if is_asked => {
-                self.applied(plant_epoch, [taken_at_tick, from], from);
-            }
-            Err(refusal) if is_asked => self.refuse(&refusal),
-            Ok(Progress::Followed { .. }) => tracing::info!("the earlier goal is restored"),
-            Err(refusal) => tracing::warn!("the earlier goal is lost: {refusal}"),
+            Ok(Progress::Followed { plant_epoch, from }) => match origin {
+                Origin::Operator => self.applied(plant_epoch, [taken_at_tick, from], from),
+                Origin::Earlier => tracing::info!("the earlier goal is restored"),
+                Origin::Schedule => tracing::info!(tick = from, "a goal of the scenario"),
+            },
+            Err(refusal) => match origin {
+                Origin::Operator => self.refuse(&refusal),
+                Origin::Earlier => tracing::warn!("the earlier goal is lost: {refusal}"),
+                Origin::Schedule => tracing::warn!("a goal of the scenario is refused: {refusal}"),
+            },
         }
         self.under_way = None;
     }
@@ -163,7 +180,7 @@ impl UnderWay {
     fn is_asked(&self) -> bool {
         match self {
             Self::Change { .. } => true,
-            Self::Goal(goal) => goal.is_asked(),
+            Self::Goal(goal) => goal.origin() == Origin::Operator,
         }
     }
 }

@@ -2,11 +2,9 @@
 
 use super::Refusal;
 use crate::adopt::Handover;
-use crate::goal::{Course, Demand, GoalError, GoalRequest, Outlook};
+use crate::goal::{Course, Demand, GoalError, GoalRequest, OUTLOOK_POINTS, Outlook};
 use crate::settings::Settings;
-use model::delay::DELAY_MAX;
 use process::requests::Request;
-use protocol::message::HORIZON_MAX;
 use robot::Surroundings;
 use std::time::{Duration, Instant};
 
@@ -19,12 +17,22 @@ const PATIENCE: Duration = Duration::from_secs(3);
 pub(super) struct GoalUnderWay {
     request: GoalRequest,
     id: u64,
-    /// Whether an operator waits for an answer. None waits for a goal of before a restart.
-    is_asked: bool,
+    origin: Origin,
     taken_at_tick: u64,
     stage: Stage,
     attempts: u32,
     since: Instant,
+}
+
+/// Where a goal comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// An operator, who waits for an answer.
+    Operator,
+    /// The time before a restart of the controller.
+    Earlier,
+    /// The scenario.
+    Schedule,
 }
 
 enum Stage {
@@ -52,7 +60,7 @@ pub(super) enum Progress {
 impl GoalUnderWay {
     pub(super) fn new(request: &Request, id: u64, taken_at_tick: u64) -> Result<Self, GoalError> {
         let request = GoalRequest::parse(&request.change)?;
-        Ok(Self::of(request, id, true, taken_at_tick))
+        Ok(Self::of(request, id, Origin::Operator, taken_at_tick))
     }
 
     /// A goal of before a restart. A robot on the way to a pose drives there again. One on a path,
@@ -62,16 +70,16 @@ impl GoalUnderWay {
         if !matches!(request.goal, Demand::Pose { .. }) {
             request.goal = Demand::Hold {};
         }
-        Some(Self::of(request, id, false, 0))
+        Some(Self::of(request, id, Origin::Earlier, 0))
     }
 
-    fn of(request: GoalRequest, id: u64, is_asked: bool, taken_at_tick: u64) -> Self {
+    pub(super) fn of(request: GoalRequest, id: u64, origin: Origin, taken_at_tick: u64) -> Self {
         let (stage, since) = (Stage::New, Instant::now());
-        Self { request, id, is_asked, taken_at_tick, stage, attempts: 0, since }
+        Self { request, id, origin, taken_at_tick, stage, attempts: 0, since }
     }
 
-    pub(super) fn is_asked(&self) -> bool {
-        self.is_asked
+    pub(super) fn origin(&self) -> Origin {
+        self.origin
     }
 
     pub(super) fn taken_at_tick(&self) -> u64 {
@@ -86,7 +94,7 @@ impl GoalUnderWay {
     ) -> Result<Progress, Refusal> {
         match self.stage {
             Stage::New => {
-                let outlook = Outlook::with_room(DELAY_MAX + HORIZON_MAX + 1);
+                let outlook = Outlook::with_room(OUTLOOK_POINTS);
                 drop(handover.outlook_wanted.force_push(Box::new(outlook)));
                 self.stage = Stage::Outlook;
             }
@@ -104,8 +112,8 @@ impl GoalUnderWay {
                     drop(handover.course.push(Box::new(course)));
                     self.stage = Stage::Exchange;
                 }
-                // A goal of before a restart waits for the plant as long as it takes.
-                None if self.is_asked && self.since.elapsed() > PATIENCE => {
+                // Any other goal waits for the plant as long as it takes.
+                None if self.origin == Origin::Operator && self.since.elapsed() > PATIENCE => {
                     drop(handover.outlook_wanted.pop());
                     return Err(Refusal::NoState { waited_s: PATIENCE.as_secs_f64() });
                 }
