@@ -214,6 +214,14 @@ impl Reason {
     pub const STOP_REQUESTS: &'static [u32] =
         &[Self::None.code(), Self::PositionError.code(), Self::HeadingError.code()];
 
+    /// Whether the gate has slowed the robot: the wheels have not got what the controller gave.
+    pub const fn is_slowed(self) -> bool {
+        matches!(
+            self,
+            Self::ProtectiveStop | Self::ObstaclesUnknown | Self::SpeedZone | Self::Geofence
+        )
+    }
+
     /// Whether a controller may request a stop of the gate for this reason.
     pub const fn is_stop_request(self) -> bool {
         matches!(self, Self::PositionError | Self::HeadingError)

@@ -5,7 +5,8 @@ use certificates::CertificatesOptions;
 use clap::Subcommand;
 use drill::DrillOptions;
 use drill::damage::OfferOptions;
-use experiment::{CompareOptions, without_learning};
+use experiment::worlds::{self, WorldsOptions};
+use experiment::{CompareOptions, ExperimentError, without_learning};
 use graph::assembly::Assembly;
 use identify::command::{IdentifyError, IdentifyOptions, Plan, identify};
 use network::threads;
@@ -77,6 +78,8 @@ pub(crate) enum Experiment {
     /// Run every controller in every scenario, for several seeds: a table, and one JSON row per
     /// trial.
     Compare(CompareOptions),
+    /// Drive to a goal in worlds with discs that stand or move, and count collisions.
+    Worlds(WorldsOptions),
 }
 
 /// Runs a command. Returns its exit code.
@@ -89,7 +92,10 @@ pub(crate) fn run(command: &Command) -> ExitCode {
         Command::Identify(options) => identified(options),
         Command::Learn(options) => learn(options),
         Command::Model(Model::Show(options)) => show(options),
-        Command::Experiment(Experiment::Compare(options)) => compare(options),
+        Command::Experiment(Experiment::Compare(options)) => {
+            experimented(experiment::compare(options))
+        }
+        Command::Experiment(Experiment::Worlds(options)) => experimented(worlds::worlds(options)),
     }
 }
 
@@ -192,8 +198,8 @@ fn show(options: &ShowOptions) -> ExitCode {
     }
 }
 
-fn compare(options: &CompareOptions) -> ExitCode {
-    match experiment::compare(options) {
+fn experimented(result: Result<(), ExperimentError>) -> ExitCode {
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             Terminal::new().say(format_args!("coxswain: {error}"));

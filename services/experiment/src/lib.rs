@@ -8,9 +8,11 @@
 //! | `figure`      | the figures of a row, and how they are printed            |
 //! | `oracle`      | the simulator's own dynamics as a controller's model      |
 //! | `trial`       | one closed loop, and its row                              |
+//! | `parallel`    | many runs, as many at a time as there are processors      |
 //! | `poison`      | deliberate faults in a trial's messages                   |
 //! | `table`       | rows → the table that is printed                          |
 //! | `in_process`  | the whole graph in one process, in lock step              |
+//! | `worlds`      | to a goal among obstacles, in seeded worlds               |
 //! | `without_learning` | a run without learning, for the live page            |
 
 mod calibration;
@@ -19,10 +21,12 @@ pub mod contender;
 pub mod figure;
 pub mod in_process;
 pub mod oracle;
+mod parallel;
 pub mod poison;
 mod table;
 pub mod trial;
 pub mod without_learning;
+pub mod worlds;
 
 use cases::Cases;
 use contender::Contender;
@@ -32,10 +36,7 @@ use settings::SettingsError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
-use std::time::Instant;
-use std::{fs, io, thread};
+use std::{fs, io};
 use terminal::Terminal;
 use trial::{Row, Start, TrialError};
 
@@ -135,6 +136,14 @@ pub enum ExperimentError {
         world: String,
         /// The requested scenarios.
         asked: String,
+    },
+    /// A world failed.
+    #[error("world {seed}: {source}")]
+    World {
+        /// Its seed.
+        seed: u64,
+        /// Its error.
+        source: Box<worlds::WorldError>,
     },
     /// A trial failed.
     #[error("{trial}: {source}")]
@@ -305,56 +314,16 @@ impl Bench {
         what: &str,
         mut each: impl FnMut(&Row) -> Result<(), ExperimentError>,
     ) -> Result<Vec<(PathBuf, Row)>, ExperimentError> {
-        let next = AtomicUsize::new(0);
-        let workers = thread::available_parallelism().map_or(1, usize::from).min(trials.len());
-        let (sender, finished) = mpsc::channel();
-        let mut done: BTreeMap<usize, (PathBuf, Row)> = BTreeMap::new();
-        let mut reported = 0;
-        let begin = Instant::now();
-        thread::scope(|scope| {
-            for _ in 0..workers {
-                let (next, sender) = (&next, sender.clone());
-                scope.spawn(move || {
-                    loop {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(trial) = trials.get(index) else { return };
-                        let folder = home.join(format!("{what}-{index}"));
-                        if sender
-                            .send((
-                                index,
-                                self.run(trial, &folder, schools).map(|row| (folder, row)),
-                            ))
-                            .is_err()
-                        {
-                            return;
-                        }
-                    }
-                });
-            }
-            drop(sender);
-            for (index, result) in finished {
-                done.insert(
-                    index,
-                    result.inspect_err(|_| next.store(trials.len(), Ordering::Relaxed))?,
-                );
-                // In the order of the trials, independent of their speed.
-                while let Some((_, row)) = done.get(&reported) {
-                    each(row)?;
-                    reported += 1;
-                }
-                let count = done.len();
-                terminal.progress(Instant::now(), || {
-                    let spent = begin.elapsed().as_secs_f64();
-                    let left = spent / count as f64 * (trials.len() - count) as f64;
-                    Some(format!(
-                        "{what}: {count} of {}, {spent:.0} s, about {left:.0} s to go",
-                        trials.len()
-                    ))
-                });
-            }
-            Ok::<(), ExperimentError>(())
-        })?;
-        Ok(done.into_values().collect())
+        parallel::run_all(
+            trials,
+            terminal,
+            what,
+            |index, trial| {
+                let folder = home.join(format!("{what}-{index}"));
+                self.run(trial, &folder, schools).map(|row| (folder, row))
+            },
+            |(_, row)| each(row),
+        )
     }
 
     fn run(
