@@ -463,6 +463,7 @@ impl Controller {
         };
         (outlook.plant_epoch, outlook.gate) = (plant_epoch, self.gate);
         (outlook.pose, outlook.velocity) = (before.state.pose, before.state.velocity);
+        outlook.goal = self.goal.active();
         self.planner.write_ahead(outlook)
     }
 

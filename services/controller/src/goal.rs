@@ -11,10 +11,11 @@
 //! the robot.
 
 mod clear;
+pub mod keeper;
 pub mod schedule;
 
 use crate::reference::{Reference, ReferencePoint};
-use clear::Clear;
+use clear::{Clear, Counted};
 use model::delay::DELAY_MAX;
 use model::{Pose, Velocity, wrap};
 use motion::limits::Stated;
@@ -192,6 +193,10 @@ pub struct Outlook {
     pub gate: GateState,
     /// Obstacles of the newest lists.
     pub obstacles: Vec<Obstacle>,
+    /// Number of the goal that the robot is on the way to.
+    pub goal: Option<u64>,
+    /// Whether an obstacle holds the robot up.
+    pub held_up: bool,
 }
 
 impl Outlook {
@@ -205,6 +210,8 @@ impl Outlook {
             velocity: [0.0; 3],
             gate: GateState::Disarmed,
             obstacles: Vec::with_capacity(ObstacleSource::ALL.len() * OBSTACLES_MAX),
+            goal: None,
+            held_up: false,
         }
     }
 }
@@ -216,6 +223,8 @@ pub struct Course {
     pub reference: Reference,
     /// Way that remains at each of its points \[m\].
     pub left_m: Vec<f64>,
+    /// Poses of the way, for its review.
+    pub way: Vec<Pose>,
     /// The goal.
     pub goal: Goal,
     /// Last tick from which on it can be used: until then it is the reference before, or the robot
@@ -237,6 +246,18 @@ impl Course {
         map: &Surroundings,
         period_s: f64,
     ) -> Result<Self, GoalError> {
+        Self::around(request, id, outlook, robot, (map, Counted::Standing), period_s)
+    }
+
+    /// The same, clear of what `map` has and of what the robot sees and is counted.
+    fn around(
+        request: &GoalRequest,
+        id: u64,
+        outlook: &Outlook,
+        robot: &Robot,
+        (map, counted): (&Surroundings, Counted),
+        period_s: f64,
+    ) -> Result<Self, GoalError> {
         if matches!(outlook.gate, GateState::Disarmed | GateState::Stopped) {
             return Err(GoalError::Shut { state: outlook.gate });
         }
@@ -245,7 +266,7 @@ impl Course {
         // A motion that begins at the robot is behind it by as much when it is taken.
         let taken_within = if points.is_empty() { exchange_ticks(period_s) } else { points.len() };
         let mut course = points.last().map_or(outlook.pose[2], |point| point.course);
-        let clear = Clear::of(robot.footprint(), map, &outlook.obstacles);
+        let clear = Clear::of(robot.footprint(), map, &outlook.obstacles, counted);
         for motion in motions(&request.goal, &begin, &limits, &clear)? {
             if motion.duration_s() > MOTION_MAX_S {
                 return Err(GoalError::TooLong { duration_s: motion.duration_s() });
@@ -267,6 +288,7 @@ impl Course {
         (goal.kind, goal.phase) = (request.goal.kind().code(), GoalPhase::Active.code());
         Ok(Self {
             left_m: way_left(&points),
+            way: points.iter().map(|point| point.pose).collect(),
             latest_tick: outlook.tick + taken_within as u64,
             reference: Reference::of_points(points, outlook.tick),
             goal,

@@ -9,8 +9,9 @@ use crate::adopt::{Arrival, Event, Handover};
 use crate::complaints::{Complaints, Sentence};
 use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
+use crate::goal::keeper::Keeper;
 use crate::goal::schedule::Schedule;
-use crate::goal::{Course, OUTLOOK_POINTS, Outlook};
+use crate::goal::{Course, GoalRequest, OUTLOOK_POINTS, Outlook};
 use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
@@ -162,6 +163,9 @@ struct Loop<'a> {
     seat: Seat,
     /// In lock step, the goals of the scenario.
     schedule: Schedule,
+    /// In lock step, the way to the present goal.
+    keeper: Keeper,
+    map: Surroundings,
 }
 
 impl<'a> Loop<'a> {
@@ -197,6 +201,8 @@ impl<'a> Loop<'a> {
             rehearse_at: None,
             seat: Seat::new(),
             schedule: Schedule::new(&settings.goals, settings.run.period_nanos as f64 * 1e-9),
+            keeper: Keeper::default(),
+            map: Surroundings::default(),
         })
     }
 
@@ -418,23 +424,43 @@ impl<'a> Loop<'a> {
         }
     }
 
-    /// Lock step: follows the goal of the scenario that is due at `tick`, from `tick` on.
+    /// Lock step: follows the goal of the scenario that is due at `tick`, from `tick` on, or
+    /// reviews the way to the present one.
     fn follow_schedule(&mut self, tick: u64) {
-        let Some((id, request)) = self.schedule.due(tick) else { return };
+        let period_s = self.settings.run.period_nanos as f64 * 1e-9;
+        let due = self.schedule.due(tick);
+        if due.is_none() && !self.keeper.is_due(tick, period_s) {
+            return;
+        }
         let mut outlook = Outlook::with_room(OUTLOOK_POINTS);
         if !self.controller.look_out(&mut outlook) {
             return;
         }
-        let period_s = self.settings.run.period_nanos as f64 * 1e-9;
-        let map = Surroundings::default();
-        match Course::new(&request, id, &outlook, &self.settings.robot, &map, period_s) {
-            Ok(mut course) => {
-                self.controller.follow(&mut course, tick);
+        let (robot, map) = (&self.settings.robot, &self.map);
+        let Some((id, request)) = due else {
+            if let Some(course) = self.keeper.review(&outlook, robot, map, period_s) {
+                self.follow_course(course, None, tick);
             }
+            return;
+        };
+        match Course::new(&request, id, &outlook, robot, map, period_s) {
+            Ok(course) => self.follow_course(course, Some(&request), tick),
             Err(error) => {
                 tracing::warn!(tick, "a goal of the scenario is refused: {error}");
                 self.pulse.health().set_last_error(&format!("goal {id}: {error}"));
             }
+        }
+    }
+
+    /// Follows `course` from `tick` on: that of another goal, or another way to the present one.
+    fn follow_course(&mut self, mut course: Course, request: Option<&GoalRequest>, tick: u64) {
+        let (id, way) = (course.goal.id, std::mem::take(&mut course.way));
+        if !self.controller.follow(&mut course, tick) {
+            return;
+        }
+        match request {
+            Some(request) => self.keeper.keep(id, request, way),
+            None => self.keeper.take_way(way),
         }
     }
 

@@ -28,10 +28,17 @@ impl GoalWatch {
         self.goal.is_some()
     }
 
-    /// Takes the goal of `course`. The memory of the one before goes into `course`.
+    /// Number of the goal that the robot is on the way to.
+    pub(super) fn active(&self) -> Option<u64> {
+        self.goal.filter(|goal| goal.phase() == GoalPhase::Active).map(|goal| goal.id)
+    }
+
+    /// Takes the goal of `course`. The memory of the one before goes into `course`. A goal with the
+    /// number of the one before is the same goal on another way.
     pub(super) fn follow(&mut self, course: &mut Course) {
         let active = self.goal.filter(|goal| goal.phase() == GoalPhase::Active);
-        self.ended = active.map(|goal| Goal { phase: GoalPhase::Preempted.code(), ..goal });
+        let another = active.filter(|goal| goal.id != course.goal.id);
+        self.ended = another.map(|goal| Goal { phase: GoalPhase::Preempted.code(), ..goal });
         self.goal = Some(course.goal);
         std::mem::swap(&mut self.left_m, &mut course.left_m);
         self.is_new = true;

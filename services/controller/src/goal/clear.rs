@@ -1,5 +1,6 @@
 //! To a pose, clear of all obstacles that stand.
 
+use model::Pose;
 use motion::{
     Ground, Heading, Limits, Moment, Motion, MotionError, Waypoint, along, route, to_pose,
     to_standstill,
@@ -11,6 +12,15 @@ const STANDS_MPS: f64 = 0.05;
 /// Interval at which a motion is checked for collisions \[s\].
 const CHECK_EVERY_S: f64 = 0.02;
 
+/// Which of the obstacles that the robot sees count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Counted {
+    /// Those that stand.
+    Standing,
+    /// All, where they are now.
+    All,
+}
+
 /// What a motion keeps clear of.
 #[derive(Debug, Clone)]
 pub(super) struct Clear {
@@ -20,13 +30,18 @@ pub(super) struct Clear {
 }
 
 impl Clear {
-    /// Of the obstacles of the map, and of those of `seen` that stand.
-    pub(super) fn of(footprint: Footprint, map: &Surroundings, seen: &[Obstacle]) -> Self {
-        let stands = |obstacle: &&Obstacle| {
+    /// Of the obstacles of the map, and of those of `seen` that count.
+    pub(super) fn of(
+        footprint: Footprint,
+        map: &Surroundings,
+        seen: &[Obstacle],
+        counted: Counted,
+    ) -> Self {
+        let counts = |obstacle: &&Obstacle| {
             let [x, y] = obstacle.velocity_mps;
-            x.hypot(y) <= STANDS_MPS
+            counted == Counted::All || x.hypot(y) <= STANDS_MPS
         };
-        let obstacles = map.obstacles.iter().chain(seen.iter().filter(stands)).copied().collect();
+        let obstacles = map.obstacles.iter().chain(seen.iter().filter(counts)).copied().collect();
         Self { footprint, obstacles, fence: map.fence }
     }
 
@@ -73,6 +88,12 @@ impl Clear {
         })
     }
 
+    /// Whether the robot touches nothing at any of `poses`.
+    pub(super) fn allows_poses(&self, poses: &[Pose]) -> bool {
+        let shape = self.footprint.shape();
+        poses.iter().all(|pose| self.room(&shape, pose) >= 0.0)
+    }
+
     /// Distance of `shape` at `pose` to the nearest obstacle, or to the border \[m\].
     fn room(&self, shape: &Shape, pose: &[f64; 3]) -> f64 {
         let placed = shape.placed(pose);
@@ -109,7 +130,7 @@ mod tests {
             .map(|(centre, radius)| Shape::hull(&[*centre], *radius).map(Obstacle::standing));
         let obstacles = discs.collect::<Result<_, _>>()?;
         let map = Surroundings { obstacles, ..Surroundings::default() };
-        Ok(Clear::of(Robot::example().footprint(), &map, &[]))
+        Ok(Clear::of(Robot::example().footprint(), &map, &[], Counted::Standing))
     }
 
     fn touches(clear: &Clear, motions: &[Motion]) -> bool {

@@ -6,7 +6,7 @@ type Outcome = Result<(), Box<dyn Error>>;
 const PERIOD_S: f64 = 0.02;
 
 /// A robot that follows its reference forward at 0.5 m/s.
-fn driving() -> Outlook {
+pub(super) fn driving() -> Outlook {
     let points = (0..40).map(|tick| ReferencePoint {
         pose: [0.5 * PERIOD_S * f64::from(tick), 0.0, 0.0],
         velocity: [0.5, 0.0, 0.0],
@@ -20,6 +20,8 @@ fn driving() -> Outlook {
         velocity: [0.5, 0.0, 0.0],
         gate: GateState::Driving,
         obstacles: Vec::new(),
+        goal: None,
+        held_up: false,
     }
 }
 
