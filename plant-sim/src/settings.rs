@@ -50,6 +50,7 @@ impl Settings {
             recorded: self.recorded,
             robot: &self.robot,
             armed: self.armed,
+            surroundings: None,
         }
     }
 }

@@ -236,7 +236,7 @@ impl Controller {
         let ours = matches!(
             state.fallback_level(),
             FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
-        );
+        ) && !state.reason().is_slowed();
         let commanded = ours.then(|| self.publisher.commanded());
         let seen = self.measure(state, &Driven { acted: state.input, commanded }, handover);
         if seen {

@@ -118,6 +118,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         recorded: false,
         robot: &robot,
         armed: true,
+        surroundings: None,
     };
     let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
     let base = Noting::default();

@@ -43,6 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         recorded: false,
         robot: &robot,
         armed: true,
+        surroundings: None,
     };
     let mut driver = GatedBase::new(Ideal::default(), &settings, 1);
     let mut command: Command = bytemuck::Zeroable::zeroed();

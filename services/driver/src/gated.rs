@@ -1,8 +1,8 @@
 //! One base behind its gate, period by period.
 
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
-use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
-use protocol::message::{Command, FallbackLevel, PlantState, Reason, Truth};
+use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError, TooManyObstacles};
+use protocol::message::{Command, FallbackLevel, ObstacleSource, PlantState, Reason, Truth};
 use robot::{Obstacle, PerWheel, Velocity, Wheels};
 
 /// Longest time that the base drives between two decisions of the gate: the step of the braking
@@ -51,6 +51,10 @@ impl<B: Base> GatedBase<B> {
         let link_delay_nanos = settings.link_delay_millis * 1_000_000;
         let bounds = Bounds::new(settings.robot, period_nanos, link_delay_nanos);
         let gate = Gate::new(bounds, epoch);
+        let gate = match settings.surroundings {
+            Some(surroundings) => gate.among(surroundings, settings.robot),
+            None => gate,
+        };
         let mut gate = if settings.armed { gate } else { gate.disarmed() };
         let decision = gate.decide(0);
         Self {
@@ -81,6 +85,7 @@ impl<B: Base> GatedBase<B> {
     ) -> Result<(PlantState, Option<Truth>), BaseError> {
         self.gate.begin_period(tick, now);
         let sensors = self.base.read()?;
+        self.gate.see_pose(&sensors.pose, &sensors.velocity);
         let truth = self.base.truth().map(|truth| self.write_truth(tick, &truth));
         Ok((self.write_state(tick, &sensors), truth))
     }
@@ -94,6 +99,21 @@ impl<B: Base> GatedBase<B> {
         let verdict = self.gate.offer(command, now);
         self.decision = self.gate.decide(now);
         Ok(verdict)
+    }
+
+    /// Passes a list of obstacles to the gate: it arrived at `now`, and is valid for `valid_nanos`.
+    /// Without [`Settings::surroundings`] it has no effect.
+    ///
+    /// # Errors
+    /// [`TooManyObstacles`]; the list before it stays.
+    pub fn see_obstacles(
+        &mut self,
+        source: ObstacleSource,
+        obstacles: &[Obstacle],
+        now: u64,
+        valid_nanos: u64,
+    ) -> Result<(), TooManyObstacles> {
+        self.gate.see_obstacles(source, obstacles, now, valid_nanos)
     }
 
     /// Counts malformed messages.

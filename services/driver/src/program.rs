@@ -58,7 +58,9 @@ where
         run.go_first_to_open();
         let identity = Identity::new(run.epoch_floor + 1);
         let ports = Ports::open(&run.links, identity)?;
-        crate::run(base, &settings.driver(), &ports, identity, stop)?;
+        let surroundings = settings.surroundings()?;
+        let driver = settings.driver(surroundings.as_ref());
+        crate::run(base, &driver, &ports, identity, stop)?;
         Ok(())
     })
 }

@@ -2,7 +2,7 @@
 
 use ::settings::{Check, Impossible};
 use process::{HasRun, Run};
-use robot::Robot;
+use robot::{ImpossibleMap, Map, Robot, Surroundings};
 use serde::{Deserialize, Serialize};
 
 /// Largest value of `link_delay_millis` \[ms\].
@@ -23,6 +23,8 @@ pub struct Settings<'a> {
     pub robot: &'a Robot,
     /// Whether the gate starts armed. Otherwise the wheels stand still until `coxswain arm`.
     pub armed: bool,
+    /// Shapes of the map. With them, also empty ones, the gate slows the robot before obstacles.
+    pub surroundings: Option<&'a Surroundings>,
 }
 
 impl Settings<'_> {
@@ -86,13 +88,16 @@ pub struct ProgramSettings<S> {
     pub run: Run,
     /// The robot as its gate believes it to be.
     pub robot: Robot,
+    /// Known obstacles, zones and the border of the area.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<Map>,
     /// Settings of the base: `[driver.settings]` of the graph file.
     pub base: S,
 }
 
 impl<S> ProgramSettings<S> {
-    /// The part that every driver has.
-    pub fn driver(&self) -> Settings<'_> {
+    /// The part that every driver has, with the shapes of the map.
+    pub fn driver<'a>(&'a self, surroundings: Option<&'a Surroundings>) -> Settings<'a> {
         Settings {
             run: &self.run,
             duration_s: self.duration_s,
@@ -100,8 +105,24 @@ impl<S> ProgramSettings<S> {
             recorded: self.recorded,
             robot: &self.robot,
             armed: self.armed,
+            surroundings,
         }
     }
+
+    /// The shapes of the map.
+    ///
+    /// # Errors
+    /// [`Impossible`] names the key of the map that is wrong.
+    pub fn surroundings(&self) -> Result<Option<Surroundings>, Impossible> {
+        let shapes = self.map.as_ref().map(Map::surroundings).transpose();
+        shapes.map_err(|error| impossible(&error).under("map"))
+    }
+}
+
+/// A wrong key of a map, such as `obstacles.2`.
+fn impossible(error: &ImpossibleMap) -> Impossible {
+    let key = error.key.replace('[', ".").replace(']', "");
+    Impossible::new(key, error.expected.trim_start_matches("expected "))
 }
 
 impl<S> HasRun for ProgramSettings<S> {
@@ -112,8 +133,29 @@ impl<S> HasRun for ProgramSettings<S> {
 
 impl<S: Check> Check for ProgramSettings<S> {
     fn check(&self) -> Result<(), Impossible> {
-        self.driver().check()?;
+        self.surroundings()?;
+        self.driver(None).check()?;
         self.start.check().map_err(|impossible| impossible.under("start"))?;
         self.base.check().map_err(|impossible| impossible.under("base"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot::{Outline, Zone};
+
+    #[test]
+    fn a_wrong_map_is_refused_by_its_key() {
+        let disc = |radius_m| Outline { corners_m: vec![[0.0; 2]], radius_m };
+        let zone = Zone { corners_m: vec![[0.0; 2]], radius_m: 1.0, speed_mps: -1.0 };
+        for (map, key) in [
+            (Map { obstacles: vec![disc(1.0), disc(-1.0)], ..Map::default() }, "obstacles.1"),
+            (Map { zones: vec![zone], ..Map::default() }, "zones.0.speed_mps"),
+            (Map { fence_m: vec![[0.0; 2]], ..Map::default() }, "fence_m"),
+        ] {
+            let error = map.surroundings().err().map(|error| impossible(&error).key);
+            assert_eq!(error.as_deref(), Some(key));
+        }
     }
 }

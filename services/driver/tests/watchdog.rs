@@ -46,6 +46,7 @@ fn each_velocity_has_the_time_for_which_it_may_act() -> Result<(), BaseError> {
         recorded: false,
         robot: &robot,
         armed: true,
+        surroundings: None,
     };
     let base = Remembering::default();
     let calls = Rc::clone(&base.0);

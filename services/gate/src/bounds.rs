@@ -68,4 +68,26 @@ impl Bounds {
             input[axis] - input[axis].clamp(-step, step)
         })
     }
+
+    /// `goal`, a share of the command `asked`, as far as the ramp of the brake allows it `nanos`
+    /// after the input `from`. An axis that the command itself slows faster follows the command.
+    pub fn slowed(
+        &self,
+        from: &Velocity,
+        asked: &Velocity,
+        goal: &Velocity,
+        nanos: u64,
+    ) -> Velocity {
+        let braked = self.braked(from, nanos);
+        std::array::from_fn(|axis| {
+            let (braked, asked, goal) = (braked[axis], asked[axis], goal[axis]);
+            if from[axis] > 0.0 {
+                goal.max(braked.min(asked))
+            } else if from[axis] < 0.0 {
+                goal.min(braked.max(asked))
+            } else {
+                goal
+            }
+        })
+    }
 }

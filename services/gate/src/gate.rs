@@ -4,8 +4,9 @@ use crate::Bounds;
 use crate::accept::{self, judge};
 use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS, decide};
 use crate::machine::{Machine, Order, OrderError};
-use protocol::message::{Command, FallbackLevel, GateState, Reason};
-use robot::Velocity;
+use crate::protection::{Protection, Slowed, TooManyObstacles};
+use protocol::message::{Command, FallbackLevel, GateState, ObstacleSource, Reason};
+use robot::{Obstacle, Robot, Surroundings, Velocity};
 
 /// Number of stored publication times: more than any acceptable age.
 const REMEMBERED: usize = 8;
@@ -65,6 +66,10 @@ pub struct Gate {
     refused: u64,
     /// Last rejection of the present period.
     refusal: Reason,
+    /// The surroundings, if they are known.
+    protection: Option<Box<Protection>>,
+    /// Why the last command of the present period was slowed.
+    slowed: Reason,
 }
 
 impl Gate {
@@ -85,7 +90,17 @@ impl Gate {
             good_periods: 0,
             refused: 0,
             refusal: Reason::None,
+            protection: None,
+            slowed: Reason::None,
         }
+    }
+
+    /// The same, among `surroundings`: it slows the commands of `robot` before it touches them.
+    /// Until the first [`see_pose`](Self::see_pose) the wheels stand still.
+    #[must_use]
+    pub fn among(self, surroundings: &Surroundings, robot: &Robot) -> Self {
+        let protection = Protection::new(surroundings, robot, self.bounds.period_nanos);
+        Self { protection: Some(Box::new(protection)), ..self }
     }
 
     /// The same, disarmed: the wheels stand still until [`Order::Arm`].
@@ -102,6 +117,35 @@ impl Gate {
         }
         self.refusal = Reason::None;
         self.begun_with = self.input;
+        self.slowed = Reason::None;
+    }
+
+    /// Sets pose and body velocity, as measured when the period began. Until the next measurement
+    /// the gate predicts the pose by its own output. Numbers that are not finite are ignored.
+    pub fn see_pose(&mut self, pose: &[f64; 3], velocity: &Velocity) {
+        let now = self.published_at(self.tick).unwrap_or(self.input_nanos);
+        if let Some(protection) = &mut self.protection {
+            protection.see_pose(pose, velocity, &self.begun_with, now);
+        }
+    }
+
+    /// Replaces the list of obstacles of `source` by one that arrived at `now` and is valid for
+    /// `valid_nanos`. A list that is too old bounds the speed until the next one. Without
+    /// surroundings, lists are ignored.
+    ///
+    /// # Errors
+    /// [`TooManyObstacles`]; the list before it stays.
+    pub fn see_obstacles(
+        &mut self,
+        source: ObstacleSource,
+        obstacles: &[Obstacle],
+        now: u64,
+        valid_nanos: u64,
+    ) -> Result<(), TooManyObstacles> {
+        match &mut self.protection {
+            Some(protection) => protection.see_obstacles(source, obstacles, now, valid_nanos),
+            None => Ok(()),
+        }
     }
 
     /// Judges and stores one command that arrived at `now`.
@@ -155,14 +199,23 @@ impl Gate {
         let stored = self.stored.map(|stored| stored.command);
         let elapsed = now.saturating_sub(self.input_nanos);
         self.input_nanos = now;
-        self.input = match (choice, stored) {
-            (Choice::Command, Some(command)) => command.input,
+        if let Some(protection) = &mut self.protection {
+            protection.predict(&self.input, now);
+        }
+        let Slowed { input, reason: slowed } = match (choice, stored) {
+            (Choice::Command, Some(command)) => self.slow(&command.input, now, elapsed),
             (Choice::Tail(index), Some(command)) => {
-                command.tail().get(index).copied().unwrap_or([0.0; 3])
+                let input = command.tail().get(index).copied().unwrap_or([0.0; 3]);
+                self.slow(&input, now, elapsed)
             }
-            (Choice::Brake, _) => self.bounds.braked(&self.input, elapsed),
-            _ => [0.0; 3],
+            (Choice::Brake, _) => Slowed::not(self.bounds.braked(&self.input, elapsed)),
+            _ => Slowed::not([0.0; 3]),
         };
+        self.input = input;
+        let reason = if slowed == Reason::None { reason } else { slowed };
+        if slowed != Reason::None {
+            self.slowed = slowed;
+        }
         if choice == Choice::Brake && !self.braking {
             self.braking = true;
             self.good_periods = 0;
@@ -206,6 +259,14 @@ impl Gate {
                 (if was_late { FallbackLevel::StoredTail } else { fallback_level }, reason)
             }
         };
+        // A sample of this period is of no use for the learner, whatever was rejected.
+        let driven = !matches!(
+            fallback_level,
+            FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop
+        );
+        if driven && self.slowed != Reason::None {
+            return (fallback_level, self.slowed);
+        }
         (fallback_level, self.explain(reason))
     }
 
@@ -250,6 +311,14 @@ impl Gate {
     /// Number of rejected commands.
     pub fn refused(&self) -> u64 {
         self.refused
+    }
+
+    /// `input` of a command, as far as the surroundings allow it.
+    fn slow(&self, input: &Velocity, now: u64, elapsed: u64) -> Slowed {
+        match &self.protection {
+            Some(protection) => protection.slow(&self.bounds, input, &self.input, now, elapsed),
+            None => Slowed::not(*input),
+        }
     }
 
     fn explain(&self, reason: Reason) -> Reason {

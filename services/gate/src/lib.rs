@@ -9,6 +9,8 @@
 //! | [`accept`]  | whether one command may act                                            |
 //! | [`machine`] | disarmed, armed, driving, stopped: whether any command may act         |
 //! | [`list`]    | lists of obstacles: messages to shapes and back                        |
+//! | [`protective`] | how much of a twist lets the footprint stop before an obstacle      |
+//! | `protection` | obstacles, zones and the border of the area, as the gate knows them  |
 //! | [`Gate`]    | stores the accepted command and computes the input of the wheels       |
 //!
 //! ```text
@@ -46,7 +48,10 @@ mod bounds;
 mod gate;
 pub mod list;
 pub mod machine;
+mod protection;
+pub mod protective;
 
 pub use bounds::Bounds;
 pub use gate::{Acting, Decision, Gate};
 pub use machine::{Machine, Order, OrderError};
+pub use protection::TooManyObstacles;

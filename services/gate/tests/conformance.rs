@@ -2,8 +2,8 @@
 //! are tested with the same vectors.
 
 use gate::{Bounds, Gate, Order};
-use protocol::message::{Command, Reason, TAIL_MAX};
-use robot::{Drive, Robot, Velocity, Wheels};
+use protocol::message::{Command, ObstacleSource, Reason, TAIL_MAX};
+use robot::{Footprint, Map, Obstacle, Point, Response, Robot, Shape, Velocity, Wheels};
 use serde::Deserialize;
 use std::error::Error;
 use std::fs;
@@ -30,6 +30,9 @@ struct Limits {
     wheel_speed: f64,
     wheel_radius: f64,
     lever: f64,
+    /// Length, width and clearance.
+    footprint: [f64; 3],
+    response: f64,
 }
 
 #[derive(Deserialize)]
@@ -37,6 +40,7 @@ struct Case {
     name: String,
     #[serde(default = "yes")]
     armed: bool,
+    map: Option<Map>,
     events: Vec<Event>,
 }
 
@@ -69,6 +73,11 @@ enum What {
     Estop {
         estop: bool,
     },
+    Obstacles {
+        obstacles: Vec<Seen>,
+        source: usize,
+        valid_ms: u64,
+    },
     NotFinite {
         #[serde(rename = "not_finite")]
         _stands: bool,
@@ -78,8 +87,18 @@ enum What {
 #[derive(Debug, Deserialize)]
 struct Begin {
     publish: u64,
+    pose: Option<[f64; 3]>,
+    velocity: Option<Velocity>,
     #[serde(flatten)]
     past: Option<Past>,
+}
+
+/// An obstacle of a list.
+#[derive(Debug, Deserialize)]
+struct Seen {
+    corners_m: Vec<Point>,
+    radius_m: f64,
+    velocity_mps: Point,
 }
 
 /// Published figures of the past period.
@@ -119,13 +138,19 @@ impl Said {
     }
 }
 
-fn bounds(limits: &Limits, period_nanos: u64) -> Bounds {
+fn robot(limits: &Limits) -> Robot {
     let mut robot = Robot::example();
     if let Ok(wheels) = Wheels::mecanum(limits.wheel_radius, limits.lever, limits.lever) {
         robot.wheels = wheels;
     }
-    robot.drive =
-        robot.drive.map(|drive| Drive { wheel_speed_limit_radps: limits.wheel_speed, ..drive });
+    let [length_m, width_m, clearance_m] = limits.footprint;
+    robot.footprint = Some(Footprint { length_m, width_m, clearance_m });
+    (robot.body, robot.drive) = (None, None);
+    robot.response = Some(Response {
+        time_constant_s: [limits.response; 3],
+        wheel_speed_limit_radps: Some(limits.wheel_speed),
+        ..Response::default()
+    });
     let [input_mps, _, yaw_input_radps] = limits.input;
     let [input_rate_mps2, _, yaw_input_rate_radps2] = limits.rate;
     let [brake_mps2, _, yaw_brake_radps2] = limits.brake;
@@ -138,7 +163,7 @@ fn bounds(limits: &Limits, period_nanos: u64) -> Bounds {
         yaw_brake_radps2,
         ..robot.limits
     };
-    Bounds::new(&robot, period_nanos, 0)
+    robot
 }
 
 /// A gate whose output is summed over time.
@@ -178,6 +203,16 @@ impl Driven<'_> {
                 let found = order.map(|order| self.gate.order(order).is_ok());
                 assert_eq!(found, Some(*followed), "{event:?}, {}", self.name);
             }
+            What::Obstacles { obstacles, source, valid_ms } => {
+                let seen = |one: &Seen| {
+                    let shape = Shape::hull(&one.corners_m, one.radius_m).ok()?;
+                    Some(Obstacle { shape, velocity_mps: one.velocity_mps })
+                };
+                let list: Vec<Obstacle> = obstacles.iter().filter_map(seen).collect();
+                let source = [ObstacleSource::Robot, ObstacleSource::Planner][*source];
+                let valid = valid_ms * NANOS_PER_MS;
+                assert_eq!(self.gate.see_obstacles(source, &list, now, valid), Ok(()));
+            }
             What::Estop { estop } => self.gate.set_estop(*estop),
             What::NotFinite { .. } => self.gate.stop(Reason::BadState),
         }
@@ -201,6 +236,9 @@ impl Driven<'_> {
         }
         (self.sum, self.since_ms) = ([0.0; 3], self.now_ms);
         self.gate.begin_period(begin.publish, now);
+        if let (Some(pose), Some(velocity)) = (&begin.pose, &begin.velocity) {
+            self.gate.see_pose(pose, velocity);
+        }
     }
 }
 
@@ -214,8 +252,14 @@ fn the_gate_conforms_to_the_vectors() -> Outcome {
     let file: File = serde_json::from_str(&fs::read_to_string(path)?)?;
     assert_eq!(file.version, protocol::VERSION);
     for case in &file.cases {
-        let bounds = bounds(&file.robot, file.period_ms * NANOS_PER_MS);
+        let robot = robot(&file.robot);
+        let bounds = Bounds::new(&robot, file.period_ms * NANOS_PER_MS, 0);
         let gate = Gate::new(bounds, file.plant_epoch);
+        let surroundings = case.map.as_ref().map(Map::surroundings).transpose()?;
+        let gate = match &surroundings {
+            Some(surroundings) => gate.among(surroundings, &robot),
+            None => gate,
+        };
         let gate = if case.armed { gate } else { gate.disarmed() };
         let mut driven = Driven { name: &case.name, gate, now_ms: 0, since_ms: 0, sum: [0.0; 3] };
         for event in &case.events {

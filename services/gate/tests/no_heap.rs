@@ -1,8 +1,8 @@
 //! Promise: the gate has no heap after start.
 
 use gate::{Bounds, Gate};
-use protocol::message::{Command, FallbackLevel};
-use robot::Robot;
+use protocol::message::{Command, FallbackLevel, OBSTACLES_MAX, ObstacleSource};
+use robot::{Obstacle, Robot, Shape, Surroundings};
 
 const PERIOD: u64 = 20_000_000;
 
@@ -53,4 +53,34 @@ fn the_gate_allocates_nothing_for_any_command() {
         "fresh plans, tails and brakes: {fallback_levels:?}"
     );
     assert!(gate.refused() > 1000, "{}", gate.refused());
+}
+
+#[test]
+fn the_gate_allocates_nothing_among_obstacles() -> Result<(), robot::ImpossibleShape> {
+    let robot = Robot::example();
+    let disc = Obstacle::standing(Shape::hull(&[[0.36, 0.0]], 0.1)?);
+    let surroundings = Surroundings {
+        obstacles: vec![disc; 100],
+        zones: vec![(disc.shape, 0.1); 100],
+        fence: Some(Shape::rectangle(4.0, 4.0)),
+        speed_without_obstacles_mps: 0.1,
+    };
+    let mut gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&surroundings, &robot);
+    let mut slowed = 0;
+    let heap = allocation_counter::measure(|| {
+        for tick in 0..500 {
+            let now = tick * PERIOD;
+            gate.begin_period(tick, now);
+            gate.see_pose(&[0.0; 3], &[0.0; 3]);
+            for source in [ObstacleSource::Robot, ObstacleSource::Planner] {
+                let _ = gate.see_obstacles(source, &[disc; OBSTACLES_MAX], now, PERIOD);
+            }
+            let _ = gate.offer(&offered(tick), now);
+            gate.decide(now + PERIOD / 2);
+            slowed += u32::from(gate.end_period(now + PERIOD - 1).1.is_slowed());
+        }
+    });
+    assert_eq!((heap.count_total, heap.bytes_total), (0, 0));
+    assert!(slowed > 50, "{slowed}");
+    Ok(())
 }

@@ -309,6 +309,7 @@ impl Assembly {
             start: self.scenario.start,
             run,
             robot: self.robot,
+            map: None,
             base,
         }
     }

@@ -241,6 +241,30 @@ impl Robot {
         self.response.map_or(0.0, |response| response.dead_time_s)
     }
 
+    /// Time after which the base has nearly followed its input: dead time plus the largest time
+    /// constant of an axis \[s\].
+    ///
+    /// With motors, a time constant is λ/(κ + f). Here λ = D r²/Σ(J r̄/r)² + `I_ω` is the inertia
+    /// of the axis, and κ = p `K_T` `k_p` the stiffness of the speed loop.
+    pub fn response_time_s(&self) -> f64 {
+        let constants = match (&self.body, &self.drive) {
+            (Some(body), Some(drive)) => {
+                let stiffness = drive.pole_pairs
+                    * drive.torque_constant_nm_per_a
+                    * drive.speed_loop_gain_a_s_per_rad;
+                let radius = self.wheels.radius_m();
+                let squares = self.wheels.square_sums();
+                let inertia = [body.mass_kg, body.mass_kg, body.yaw_inertia_kg_m2];
+                std::array::from_fn(|axis| {
+                    let seen = inertia[axis] * radius * radius / squares[axis];
+                    (seen + body.wheel_inertia_kg_m2) / (stiffness + body.axle_friction_nms)
+                })
+            }
+            _ => self.response.unwrap_or_default().time_constant_s,
+        };
+        self.dead_time_s() + constants.into_iter().fold(0.0, f64::max)
+    }
+
     /// Checks that the parameters are possible.
     ///
     /// # Errors
@@ -337,5 +361,22 @@ impl Robot {
             }
             _ => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_response_time_is_dead_time_and_largest_time_constant() {
+        let mut robot = Robot::example();
+        // λ = 15 · 0.05²/4 + 0.002, κ = 4 · 0.04 · 0.5
+        let expected = (15.0 * 0.05_f64.powi(2) / 4.0 + 2e-3) / (0.08 + 2e-3);
+        assert!((robot.response_time_s() - expected).abs() < 1e-12, "{}", robot.response_time_s());
+        let response =
+            Response { time_constant_s: [0.2, 0.3, 0.1], dead_time_s: 0.05, ..Response::default() };
+        (robot.body, robot.drive, robot.response) = (None, None, Some(response));
+        assert!((robot.response_time_s() - 0.35).abs() < 1e-12);
     }
 }

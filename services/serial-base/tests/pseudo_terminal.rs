@@ -78,6 +78,7 @@ fn settings(port: &std::path::Path) -> ProgramSettings<SerialSettings> {
         start: Start::default(),
         run: Run::new("/tmp", 20_000_000, links),
         robot: Robot::example(),
+        map: None,
         // So fast that thousands of lines are due within a second.
         base: SerialSettings { port: port.to_owned(), baud: 4_000_000 },
     }

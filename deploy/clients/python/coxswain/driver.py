@@ -91,6 +91,7 @@ class Driver:
             self.ordered = False
             self.gate.order("arm" if self.gate.state == DISARMED else "resume")
         self.gate.begin(tick, now)
+        self.gate.see_pose(sensors.pose, sensors.velocity, now)
         last = self.gate.stored
         epoch, accepted = (last.stamp.epoch, last.stamp.tick) if last else (0, 0)
         fallback_level, reason = self.gate.past

@@ -8,6 +8,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from .protection import Protection
 from .wheels import Row, rows
 from .wire import Command, Vector
 
@@ -83,8 +84,17 @@ class Gate:
     All times are seconds of one clock.
     """
 
-    def __init__(self, limits: Limits, epoch: int, delay: float, armed: bool = True) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        epoch: int,
+        delay: float,
+        armed: bool = True,
+        protection: Protection | None = None,
+    ) -> None:
         self.limits, self.epoch, self.delay = limits, epoch, delay
+        self.protection = protection  # None: the gate knows no obstacles
+        self.slowed = NONE  # why the last command of the current period was slowed
         self.tick = 0
         self.published: dict[int, float] = {}
         self.stored: Command | None = None
@@ -105,7 +115,12 @@ class Gate:
         self.published[tick] = now
         self.published.pop(tick - 8, None)
         self.worst, self.last_refusal = (WAITING, NONE), NONE
-        self.acting_at_begin = self.acting
+        self.acting_at_begin, self.slowed = self.acting, NONE
+
+    def see_pose(self, pose: Vector, velocity: Vector, now: float) -> None:
+        """Duty 7: pose and body velocity, as measured when the period began."""
+        if self.protection:
+            self.protection.see_pose(pose, velocity, self.acting_at_begin, now)
 
     def end(self) -> None:
         """Ends a period: duties 8 and 9."""
@@ -123,6 +138,8 @@ class Gate:
             fallback_level = self.stored.fallback_level
             reason = OWN_REASONS[fallback_level]
         self.past = (fallback_level, self.last_refusal or reason)
+        if self.slowed and fallback_level not in (WAITING, BRAKE, LATCHED):
+            self.past = (fallback_level, self.slowed)
         self.good_periods = self.good_periods + 1 if answered and self.braking else 0
 
     def stop(self, reason: int) -> None:
@@ -207,11 +224,36 @@ class Gate:
         """
         chosen, fallback_level, reason = self._choose(now)
         self.worst = max(self.worst, (fallback_level, reason))
+        if self.protection:
+            self.protection.predict(self.acting, now)
         if chosen is None:
-            axes = zip(self.acting, self.limits.brake)
-            chosen = tuple(math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in axes)
+            chosen = self._braked(elapsed)
+        elif self.protection and any(chosen):
+            chosen = self._slow(self.protection, chosen, now, elapsed)
         self.acting = chosen
         return chosen
+
+    def _braked(self, elapsed: float) -> Vector:
+        axes = zip(self.acting, self.limits.brake)
+        return tuple(math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in axes)
+
+    def _slow(self, protection: Protection, asked: Vector, now: float, elapsed: float) -> Vector:
+        """Protective stop: the command as far as the surroundings allow it.
+
+        On the way to its share it falls no faster than the ramp of the brake.
+        """
+        share, reason = protection.share(asked, now)
+        if reason == NONE:
+            return asked
+        self.slowed = reason
+        braked, goal = self._braked(elapsed), tuple(share * value for value in asked)
+        axes = zip(self.acting, braked, asked, goal)
+        slowed = tuple(
+            max(g, min(b, a)) if v > 0.0 else min(g, max(b, a)) if v < 0.0 else g
+            for v, b, a, g in axes
+        )
+        allowed = slowed == goal or protection.share(slowed, now)[1] == NONE
+        return slowed if allowed else braked
 
     def _choose(self, now: float) -> tuple[Vector | None, int, int]:
         """Velocity (None: the brake ramp), fallback level and reason."""

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from coxswain import gate
 from coxswain.gate import ZERO, Gate, Limits
+from coxswain.protection import Body, Obstacle, Protection, Surroundings
+from coxswain.shape import Shape
 from coxswain.wheels import rows
 from coxswain.wire import Command, Stamp
 
@@ -183,7 +185,9 @@ class Duties(unittest.TestCase):
         limits = Limits(period, *vectors, robot["wheel_speed"], wheels)
         for case in file["cases"]:
             with self.subTest(case["name"]):
-                tried = Gate(limits, file["plant_epoch"], 0.0, case.get("armed", True))
+                protection = self.protection_of(limits, robot, case.get("map"))
+                armed = case.get("armed", True)
+                tried = Gate(limits, file["plant_epoch"], 0.0, armed, protection)
                 self.run_case(tried, case["events"])
 
     def run_case(self, tried: Gate, events: list[dict]) -> None:
@@ -210,9 +214,18 @@ class Duties(unittest.TestCase):
                         self.assertAlmostEqual(found_mean, mean, delta=0.01, msg=str(event))
                 total, since = [0.0, 0.0, 0.0], now
                 tried.begin(event["publish"], at)
+                if "pose" in event:
+                    tried.see_pose(tuple(event["pose"]), tuple(event["velocity"]), at)
             elif "command" in event:
                 reason = tried.hear(self.command_of(event["command"]), at)
                 self.assertEqual(reason, event["verdict"], event)
+            elif "obstacles" in event:
+                found = [
+                    Obstacle(self.shape_of(one), tuple(one["velocity_mps"]))
+                    for one in event["obstacles"]
+                ]
+                valid = event["valid_ms"] / 1e3
+                tried.protection.see_obstacles(event["source"], found, at, valid)
             elif "order" in event:
                 self.assertEqual(tried.order(event["order"]), event["followed"], event)
             elif "estop" in event:
@@ -222,6 +235,25 @@ class Duties(unittest.TestCase):
             else:
                 for found, value in zip(tried.play(at, 0.0), event["output"]):
                     self.assertAlmostEqual(found, value, delta=0.02, msg=str(event))
+
+    def shape_of(self, fields: dict) -> Shape:
+        return Shape.hull([tuple(corner) for corner in fields["corners_m"]], fields["radius_m"])
+
+    def protection_of(self, limits: Limits, robot: dict, map_: dict | None) -> Protection | None:
+        """The map of a test case, around the footprint of its robot."""
+        if map_ is None:
+            return None
+        length, width, clearance = robot["footprint"]
+        footprint = replace(Shape.rectangle(length, width), radius=clearance)
+        body = Body(footprint, limits.brake[0], limits.brake[2], robot["response"], limits.period)
+        fence = Shape.hull(map_["fence_m"], 0.0) if "fence_m" in map_ else None
+        around = Surroundings(
+            tuple(Obstacle(self.shape_of(one)) for one in map_.get("obstacles", [])),
+            tuple((self.shape_of(one), one["speed_mps"]) for one in map_.get("zones", [])),
+            fence,
+            map_.get("speed_without_obstacles_mps", 0.0),
+        )
+        return Protection(body, around)
 
     def command_of(self, fields: dict) -> Command:
         """The command of a test vector; null stands for NaN."""
