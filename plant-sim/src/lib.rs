@@ -55,8 +55,10 @@ impl Drive<'_> {
     /// Drives `base`, among obstacles if the world has some.
     fn run(self, base: impl Base) -> Result<(), RunError> {
         let Self { settings, ports, identity, stop } = self;
-        let driver = settings.driver();
-        // The settings have been checked: an impossible crowd has been refused.
+        // The settings have been checked: impossible maps and crowds have been refused.
+        let known = driver::surroundings(settings.map.as_ref()).ok();
+        let has_any = settings.map.is_some() || settings.obstacles.is_some();
+        let driver = settings.driver(known.as_ref().filter(|_| has_any));
         match settings.obstacles.as_ref().and_then(|obstacles| obstacles.crowd().ok()) {
             Some(crowd) => driver::run(Among::new(base, crowd), &driver, ports, identity, stop),
             None => driver::run(base, &driver, ports, identity, stop),

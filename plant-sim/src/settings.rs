@@ -4,7 +4,7 @@ use crate::obstacles::ObstacleSettings;
 use crate::truth::Truth;
 use driver::Start;
 use driver::piped::Program;
-use robot::Robot;
+use robot::{Map, Robot, Surroundings};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 
@@ -35,14 +35,17 @@ pub struct Settings {
     /// The program that simulates the world, unless it is [`truth`](Self::truth).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub program: Option<Program>,
+    /// Known obstacles, zones and the border of the area.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<Map>,
     /// Obstacles of the world, if the robot has a sensor for them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacles: Option<ObstacleSettings>,
 }
 
 impl Settings {
-    /// Settings of the driver.
-    pub fn driver(&self) -> driver::Settings<'_> {
+    /// Settings of the driver, whose gate knows `surroundings`.
+    pub fn driver<'a>(&'a self, surroundings: Option<&'a Surroundings>) -> driver::Settings<'a> {
         driver::Settings {
             run: &self.run,
             duration_s: self.duration_s,
@@ -50,7 +53,7 @@ impl Settings {
             recorded: self.recorded,
             robot: &self.robot,
             armed: self.armed,
-            surroundings: None,
+            surroundings,
         }
     }
 }
@@ -67,7 +70,8 @@ impl process::HasRun for Settings {
 
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
-        self.driver().check()?;
+        self.driver(None).check()?;
+        driver::surroundings(self.map.as_ref())?;
         self.start.check().map_err(|impossible| impossible.under("start"))?;
         self.truth
             .as_ref()

@@ -125,10 +125,10 @@ pub(super) fn epochs(bytes: &[u8]) -> Verdict {
 
 pub(super) fn plant(bytes: &[u8]) -> Verdict {
     read(bytes, read_settings, |settings: plant_sim::Settings| {
-        settings.driver().ticks();
+        settings.driver(None).ticks();
         if let Some(truth) = &settings.truth {
             let world = World::new(truth, settings.start, settings.seed);
-            GatedBase::new(world, &settings.driver(), 1);
+            GatedBase::new(world, &settings.driver(None), 1);
         }
         Ok(())
     })

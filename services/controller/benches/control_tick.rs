@@ -49,6 +49,8 @@ fn settings() -> Settings {
             speed_factor: 1.0,
         },
         goals: Vec::new(),
+        map: None,
+        sees_obstacles: false,
         mpc: MpcSettings {
             horizon_steps: 5,
             control_horizon_steps: 3,

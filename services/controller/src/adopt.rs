@@ -17,6 +17,7 @@ use crate::control::tuning::Tuned;
 use crate::goal::{Course, Outlook};
 use crate::sensors::SensorFault;
 use crossbeam_queue::ArrayQueue;
+use gate::list::ImpossibleList;
 use model::Velocity;
 use model::gp::posterior::VarianceScratch;
 use model::learned::{Layout, Uncertain};
@@ -96,6 +97,13 @@ pub enum Event {
         tick: u64,
         /// The fault.
         fault: Option<SensorFault>,
+    },
+    /// A list of obstacles is refused.
+    List {
+        /// At this tick.
+        tick: u64,
+        /// Why.
+        error: ImpossibleList,
     },
     /// The gate is requested to stop the robot.
     Stop {

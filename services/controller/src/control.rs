@@ -17,6 +17,7 @@ mod guard;
 mod planner;
 mod publisher;
 mod reference_clock;
+mod seen;
 pub mod tuning;
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
@@ -36,10 +37,12 @@ use model::residual::bound;
 use model::{State, Velocity};
 use planner::Planner;
 use protocol::message::{
-    Command, FallbackLevel, GateState, Goal, Plan, PlantState, Reason, ResidualSample,
+    Command, FallbackLevel, GateState, Goal, ObstacleSource, Plan, PlantState, Reason,
+    ResidualSample,
 };
 use publisher::Publisher;
-use robot::Limits;
+use robot::{Limits, Obstacle};
+use seen::Seen;
 use tuning::Tuned;
 
 /// The controller could not be set up.
@@ -59,6 +62,8 @@ pub enum ControllerError {
     NoForesight,
 }
 
+/// A robot that the gate slows is held up if it is farther from its reference than this \[m\].
+const HELD_UP_M: f64 = 0.1;
 /// Interval at which the present goal is told \[s\].
 const GOAL_EVERY_S: f64 = 0.1;
 
@@ -134,6 +139,9 @@ pub struct Controller {
     guard: Guard,
     publisher: Publisher,
     goal: GoalWatch,
+    seen: Seen,
+    /// Whether an obstacle holds the robot up.
+    held_up: bool,
     /// Whether the robot holds its pose when a plant starts, in place of the reference.
     holds_at_start: bool,
     gate: GateState,
@@ -177,6 +185,8 @@ impl Controller {
             guard: Guard::new(settings),
             publisher: Publisher::new(),
             goal: GoalWatch::default(),
+            seen: Seen::new(settings.run.period_nanos as f64 * 1e-9),
+            held_up: false,
             holds_at_start: false,
             gate: GateState::Armed,
             limits: settings.robot.limits,
@@ -227,7 +237,10 @@ impl Controller {
         }
         self.gate = state.gate();
         let braking = self.braking_periods(&state.velocity);
-        self.planner.look_at_gate(self.gate, state.stamp.tick, braking, &mut self.knowledge);
+        let slowed = state.reason().is_slowed();
+        self.held_up = slowed && self.lag_m(state) > HELD_UP_M;
+        let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
+        self.planner.look_at_gate(waits, state.stamp.tick, braking, &mut self.knowledge);
         let now = Measured { pose: state.pose, velocity: state.velocity };
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
@@ -262,6 +275,17 @@ impl Controller {
         self.before =
             seen.then(|| Before { tick: state.stamp.tick, state: self.knowledge.state() });
         sample
+    }
+
+    /// Takes the obstacles that `source` knew at `tick`. Does not allocate.
+    pub fn see_obstacles(&mut self, source: ObstacleSource, obstacles: &[Obstacle], tick: u64) {
+        self.seen.replace(source, obstacles, tick);
+    }
+
+    /// Distance of the robot from its reference \[m\].
+    fn lag_m(&self, state: &PlantState) -> f64 {
+        let reference = self.planner.reference_at(state.stamp.tick).pose;
+        (reference[0] - state.pose[0]).hypot(reference[1] - state.pose[1])
     }
 
     /// Time that the gate's ramp needs to a standstill \[periods\].
@@ -463,7 +487,9 @@ impl Controller {
         };
         (outlook.plant_epoch, outlook.gate) = (plant_epoch, self.gate);
         (outlook.pose, outlook.velocity) = (before.state.pose, before.state.velocity);
-        outlook.goal = self.goal.active();
+        (outlook.goal, outlook.held_up) = (self.goal.active(), self.held_up);
+        outlook.obstacles.clear();
+        outlook.obstacles.extend(self.seen.at(before.tick));
         self.planner.write_ahead(outlook)
     }
 
@@ -496,6 +522,7 @@ impl Controller {
         self.watch.reset();
         self.knowledge.reset();
         self.guard.reset();
+        self.seen.forget();
         self.planner.reset();
         self.goal.abort();
         if self.holds_at_start {

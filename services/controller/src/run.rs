@@ -2,6 +2,7 @@
 
 mod attendant;
 mod change_requests;
+mod lists;
 #[cfg(test)]
 mod tests;
 
@@ -15,6 +16,7 @@ use crate::goal::{Course, GoalRequest, OUTLOOK_POINTS, Outlook};
 use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
+use lists::Lists;
 use model::foresight::Foresight;
 use process::requests::{changed_before, earlier_goal};
 use process::{Pace, Pulse, Seat, Stop, step_back};
@@ -142,6 +144,7 @@ struct Loop<'a> {
     controller: Controller,
     complaints: Complaints,
     states: Source<PlantState>,
+    lists: Lists,
     commands: Sink<Command>,
     residuals: Sink<ResidualSample>,
     plans: Sink<Plan>,
@@ -188,6 +191,7 @@ impl<'a> Loop<'a> {
             controller,
             complaints: Complaints::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9),
             states: ports.source(since)?,
+            lists: Lists::open(ports, since)?,
             commands: ports.sink()?,
             residuals: ports.sink()?,
             plans: ports.sink()?,
@@ -202,7 +206,7 @@ impl<'a> Loop<'a> {
             seat: Seat::new(),
             schedule: Schedule::new(&settings.goals, settings.run.period_nanos as f64 * 1e-9),
             keeper: Keeper::default(),
-            map: Surroundings::default(),
+            map: settings.surroundings(),
         })
     }
 
@@ -254,6 +258,7 @@ impl<'a> Loop<'a> {
         }
         let is_first = self.epoch.is_none();
         let epoch = self.claim_epoch(state)?;
+        self.look_around(plant_epoch, tick, stop)?;
         let mut sample = self.controller.observe(state, self.handover, epoch);
         let command = self.controller.answer(state, self.handover);
         let nanos = monotonic_nanos() - begin;
@@ -289,6 +294,21 @@ impl<'a> Loop<'a> {
         self.tune();
         self.rehearse_at = self.time_to_rehearse(begin, nanos);
         Ok(())
+    }
+
+    /// Takes the lists of obstacles. In lock step it waits for the one of `tick`.
+    fn look_around(&mut self, plant_epoch: u64, tick: u64, stop: &Stop) -> Result<(), RunError> {
+        let waits = self.settings.sees_obstacles && self.settings.run.pace == Pace::LockStep;
+        loop {
+            if let Some(error) = self.lists.take(&mut self.controller)? {
+                self.handover.note(Event::List { tick, error });
+            }
+            if !waits || self.lists.has(plant_epoch, tick) || stop.requested() {
+                return Ok(());
+            }
+            self.lists.wait(PATIENCE)?;
+            self.report();
+        }
     }
 
     /// A plant that repeats its last state waits for a lost answer, and gets the same bytes. A
@@ -530,6 +550,7 @@ impl<'a> Loop<'a> {
     fn report(&mut self) {
         let (states, handover) = (self.states.tally(), self.handover);
         self.pulse.count_source(Topic::State, states);
+        self.pulse.count_source(Topic::Obstacles, self.lists.tally());
         self.pulse.count_sink(&self.commands);
         self.pulse.count_sink(&self.residuals);
         self.pulse.count_sink(&self.plans);

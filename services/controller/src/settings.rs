@@ -7,7 +7,7 @@ use crate::goal::schedule::{self, Scheduled};
 use crate::reference::{PLACE_MAX, ReferenceSettings, is_place};
 use model::learned::Layout;
 use protocol::message::HORIZON_MAX;
-use robot::Robot;
+use robot::{Map, Robot, Surroundings};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
 use std::path::PathBuf;
@@ -38,6 +38,12 @@ pub struct Settings {
     /// Goals of the scenario.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub goals: Vec<Scheduled>,
+    /// Known obstacles, zones and the border of the area.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<Map>,
+    /// Whether, in lock step, the plant sends a list of obstacles in each period.
+    #[serde(default)]
+    pub sees_obstacles: bool,
     /// The optimiser and the fallback.
     pub mpc: MpcSettings,
     /// Use of learned models.
@@ -328,6 +334,14 @@ impl process::HasRun for Settings {
     }
 }
 
+impl Settings {
+    /// The shapes of the map; none without one. The map has been checked.
+    pub(crate) fn surroundings(&self) -> Surroundings {
+        let shapes = self.map.as_ref().map(Map::surroundings);
+        shapes.and_then(Result::ok).unwrap_or_default()
+    }
+}
+
 impl Check for Settings {
     fn check(&self) -> Result<(), Impossible> {
         self.robot.check().map_err(|e| Impossible {
@@ -337,6 +351,8 @@ impl Check for Settings {
         self.reference.check().map_err(|e| e.under("reference"))?;
         self.mpc.check().map_err(|e| e.under("mpc"))?;
         schedule::check(&self.goals)?;
+        let shapes = self.map.as_ref().map(Map::surroundings).transpose();
+        shapes.map_err(|e| Impossible::new(e.key, e.expected).under("map"))?;
         #[cfg(feature = "faults")]
         self.solver_faults.check().map_err(|e| e.under("solver_faults"))?;
         if !is_place(&self.start) {

@@ -2,7 +2,9 @@
 
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
 use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError, TooManyObstacles};
-use protocol::message::{Command, FallbackLevel, ObstacleSource, PlantState, Reason, Truth};
+use protocol::message::{
+    Command, FallbackLevel, OBSTACLES_MAX, ObstacleSource, PlantState, Reason, Truth,
+};
 use robot::{Obstacle, PerWheel, Velocity, Wheels};
 
 /// Longest time that the base drives between two decisions of the gate: the step of the braking
@@ -139,10 +141,14 @@ impl<B: Base> GatedBase<B> {
         self.gate.machine()
     }
 
-    /// The obstacles that the base sees at `now`, if it has such sensors.
+    /// The obstacles that the base sees at `now`, if it has such sensors. The gate takes them as a
+    /// list that is valid for `valid_nanos`; those for which it has no room are left out.
     pub fn look_around(&mut self, now: u64, valid_nanos: u64) -> Option<&[Obstacle]> {
-        let _ = (now, valid_nanos);
-        self.base.obstacles()
+        let seen = self.base.obstacles()?;
+        let known = seen.get(..OBSTACLES_MAX).unwrap_or(seen);
+        // It has room for all of these.
+        let _ = self.gate.see_obstacles(ObstacleSource::Robot, known, now, valid_nanos);
+        Some(seen)
     }
 
     /// Drives the base until `now`; the gate decides anew every [`SLICE_NANOS`].

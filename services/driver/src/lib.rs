@@ -24,4 +24,4 @@ mod surroundings;
 pub use base::{Base, BaseError, Sensors, TrueState};
 pub use program::main;
 pub use run::{RunError, run};
-pub use settings::{LINK_DELAY_MILLIS_MAX, ProgramSettings, Settings, Start};
+pub use settings::{LINK_DELAY_MILLIS_MAX, ProgramSettings, Settings, Start, surroundings};

@@ -59,7 +59,7 @@ where
         let identity = Identity::new(run.epoch_floor + 1);
         let ports = Ports::open(&run.links, identity)?;
         let surroundings = settings.surroundings()?;
-        let driver = settings.driver(surroundings.as_ref());
+        let driver = settings.driver(Some(&surroundings));
         crate::run(base, &driver, &ports, identity, stop)?;
         Ok(())
     })

@@ -109,14 +109,22 @@ impl<S> ProgramSettings<S> {
         }
     }
 
-    /// The shapes of the map.
+    /// The shapes of the map; without one, there are none before the first list of obstacles.
     ///
     /// # Errors
     /// [`Impossible`] names the key of the map that is wrong.
-    pub fn surroundings(&self) -> Result<Option<Surroundings>, Impossible> {
-        let shapes = self.map.as_ref().map(Map::surroundings).transpose();
-        shapes.map_err(|error| impossible(&error).under("map"))
+    pub fn surroundings(&self) -> Result<Surroundings, Impossible> {
+        surroundings(self.map.as_ref())
     }
+}
+
+/// The shapes of `map`; none without a map.
+///
+/// # Errors
+/// [`Impossible`] names the key of the map that is wrong.
+pub fn surroundings(map: Option<&Map>) -> Result<Surroundings, Impossible> {
+    let shapes = map.map(Map::surroundings).transpose();
+    shapes.map(Option::unwrap_or_default).map_err(|error| impossible(&error).under("map"))
 }
 
 /// A wrong key of a map, such as `obstacles.2`.

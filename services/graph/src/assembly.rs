@@ -295,6 +295,7 @@ impl Assembly {
             robot: self.robot,
             truth,
             program: self.scenario.world.clone(),
+            map: self.map.clone(),
             obstacles: self.scenario.obstacles.clone(),
         }
     }
@@ -309,7 +310,7 @@ impl Assembly {
             start: self.scenario.start,
             run,
             robot: self.robot,
-            map: None,
+            map: self.map.clone(),
             base,
         }
     }
@@ -329,6 +330,8 @@ impl Assembly {
             robot: self.robot,
             reference: self.scenario.reference.clone(),
             goals: self.scenario.goals.clone(),
+            map: self.map.clone(),
+            sees_obstacles: self.graph.driver.is_none() && self.scenario.obstacles.is_some(),
             mpc: self.scenario.mpc,
             identified: self.scenario.identified.clone(),
             learned: LearnedSettings {

@@ -13,7 +13,6 @@ use crate::settings::Method;
 use model::Pose;
 use model::{AXES, State, Velocity};
 use protocol::clock::monotonic_nanos;
-use protocol::message::GateState;
 
 /// Iterations per period of a controller with foresight. It is meant to be accurate, not fast.
 const FORESEEING_ITERATIONS: usize = 2;
@@ -162,17 +161,18 @@ impl Planner {
         self.clock = ReferenceClock::Holds(pose);
     }
 
-    /// The gate was in this state before `tick`. While it is shut, the reference brakes and waits,
-    /// as the robot does, which needs `braking` periods to a standstill.
+    /// Whether the robot was held before `tick`, by a gate that is shut or by an obstacle. Then the
+    /// reference brakes and waits, as the robot does, which needs `braking` periods to a
+    /// standstill.
     pub(super) fn look_at_gate(
         &mut self,
-        gate: GateState,
+        waits: bool,
         tick: u64,
         braking: f64,
         knowledge: &mut Knowledge,
     ) {
         let before = self.clock;
-        self.clock.look(gate, tick, braking);
+        self.clock.look(waits, tick, braking);
         if self.clock != before {
             self.aim_again(knowledge);
         }

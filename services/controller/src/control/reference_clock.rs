@@ -1,8 +1,8 @@
-//! The time of the reference: it brakes and stands with the robot while the gate is shut.
+//! The time of the reference: it brakes and stands with the robot while the gate is shut, and while
+//! an obstacle holds the robot up.
 
 use crate::reference::{Reference, ReferencePoint};
 use model::Pose;
-use protocol::message::GateState;
 
 /// Periods in which the reference's clock gets from standstill to its full rate; an even number.
 const RAMP_TICKS: u64 = 20;
@@ -15,35 +15,39 @@ pub(super) enum ReferenceClock {
     Plant,
     /// It brakes to a standstill.
     Stops {
-        /// Its time when it began to brake \[periods\].
-        from: f64,
-        /// Tick at which it began.
-        since: u64,
-        /// Time to the standstill \[periods\].
+        /// Where it began to brake.
+        since: Since,
+        /// Time from the full rate to the standstill \[periods\].
         ramp: f64,
     },
     /// It runs again.
     Runs {
-        /// Its time when it began to run \[periods\].
-        from: f64,
-        /// Tick at which it began.
-        since: u64,
+        /// Where it began to run.
+        since: Since,
     },
     /// The robot holds a pose, whatever the reference is.
     Holds(Pose),
 }
 
+/// Begin of a change of the rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Since {
+    tick: u64,
+    /// Time of the reference \[periods\].
+    time: f64,
+    /// Its rate.
+    rate: f64,
+}
+
 impl ReferenceClock {
-    /// The clock for `tick`, when the gate was in the state `gate` before it, and the robot needs
-    /// `braking` periods to a standstill.
-    pub(super) fn look(&mut self, gate: GateState, tick: u64, braking: f64) {
-        let is_shut = matches!(gate, GateState::Disarmed | GateState::Stopped);
-        let from = self.time(tick).0;
-        *self = match (*self, is_shut) {
-            (Self::Plant | Self::Runs { .. }, true) => {
-                Self::Stops { from, since: tick, ramp: braking }
-            }
-            (Self::Stops { .. }, false) => Self::Runs { from, since: tick },
+    /// The clock for `tick`, when the robot was held before it or not, and needs `braking` periods
+    /// to a standstill.
+    pub(super) fn look(&mut self, waits: bool, tick: u64, braking: f64) {
+        let (time, rate) = self.time(tick);
+        let since = Since { tick, time, rate };
+        *self = match (*self, waits) {
+            (Self::Plant | Self::Runs { .. }, true) => Self::Stops { since, ramp: braking },
+            (Self::Stops { .. }, false) => Self::Runs { since },
             (same, _) => same,
         };
     }
@@ -52,20 +56,21 @@ impl ReferenceClock {
     fn time(self, tick: u64) -> (f64, f64) {
         match self {
             Self::Plant | Self::Holds(_) => (tick as f64, 1.0),
-            Self::Stops { from, since, ramp } => {
+            Self::Stops { since: Since { tick: since, time, rate }, ramp } => {
                 let run = tick.saturating_sub(since) as f64;
-                if run < ramp {
-                    (from + run - 0.5 * run * run / ramp, 1.0 - run / ramp)
+                if run < rate * ramp {
+                    (time + rate * run - 0.5 * run * run / ramp, rate - run / ramp)
                 } else {
-                    (from + 0.5 * ramp, 0.0)
+                    (time + 0.5 * rate * rate * ramp, 0.0)
                 }
             }
-            Self::Runs { from, since } => {
+            Self::Runs { since: Since { tick: since, time, rate } } => {
                 let (run, ramp) = (tick.saturating_sub(since) as f64, RAMP_TICKS as f64);
-                if run < ramp {
-                    (from + 0.5 * run * run / ramp, run / ramp)
+                let slow = 1.0 - rate;
+                if run < slow * ramp {
+                    (time + rate * run + 0.5 * run * run / ramp, rate + run / ramp)
                 } else {
-                    (from + run - 0.5 * ramp, 1.0)
+                    (time + run - 0.5 * slow * slow * ramp, 1.0)
                 }
             }
         }
@@ -116,17 +121,17 @@ mod tests {
     fn the_reference_brakes_with_the_robot_and_starts_again_from_rest() {
         let (mut clock, reference) = (ReferenceClock::default(), line());
         for tick in 0..10 {
-            clock.look(GateState::Driving, tick, 8.0);
+            clock.look(false, tick, 8.0);
             assert_eq!(clock.point(&reference, tick), reference.at(tick));
         }
         for tick in 10..50 {
-            clock.look(GateState::Stopped, tick, 8.0);
+            clock.look(true, tick, 8.0);
             let point = clock.point(&reference, tick + 8);
             assert_eq!((point.pose[0], point.velocity), (14.0, [0.0; 3]), "tick {tick}");
         }
         let mut before = 14.0;
         for tick in 50..120 {
-            clock.look(GateState::Armed, tick, 0.0);
+            clock.look(false, tick, 0.0);
             let point = clock.point(&reference, tick);
             let moved = point.pose[0] - before;
             assert!((0.0..=1.0).contains(&moved), "tick {tick}: {moved}");
@@ -134,6 +139,20 @@ mod tests {
             before = point.pose[0];
         }
         assert_eq!(clock.point(&reference, 120).pose[0], 120.0 - 36.0 - 10.0);
+    }
+
+    #[test]
+    fn a_robot_that_is_held_for_a_moment_keeps_most_of_its_speed() {
+        let (mut clock, reference) = (ReferenceClock::default(), line());
+        let mut before = clock.point(&reference, 9);
+        for tick in 10..60 {
+            clock.look((10..13).contains(&tick), tick, 20.0);
+            let point = clock.point(&reference, tick);
+            let change = (point.velocity[0] - before.velocity[0]).abs();
+            assert!(change < 0.11, "tick {tick}: {change}");
+            assert!(point.velocity[0] > 0.8, "tick {tick}: {point:?}");
+            before = point;
+        }
     }
 
     #[test]

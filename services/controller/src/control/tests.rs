@@ -32,6 +32,8 @@ pub(crate) fn told() -> Settings {
             speed_factor: 1.0,
         },
         goals: Vec::new(),
+        map: None,
+        sees_obstacles: false,
         mpc: settings(),
         identified: None,
         learned: LearnedSettings {

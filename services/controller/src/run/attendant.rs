@@ -83,6 +83,9 @@ fn write_events(handover: &Handover) {
             Event::Sensors { tick, fault: None } => {
                 tracing::info!(tick, "the sensors work again");
             }
+            Event::List { tick, error } => {
+                tracing::warn!(tick, "a list of obstacles is refused: {error}");
+            }
             Event::Stop { tick, reason } => {
                 tracing::warn!(tick, %reason, "requests a stop of the gate");
             }

@@ -7,6 +7,7 @@ use crate::adopt::Handover;
 use crate::control::ControllerError;
 use crate::control::tuning::{RULES, Tuned};
 use crate::goal::GoalError;
+use crate::goal::keeper::Keeper;
 use crate::goal::schedule::Schedule;
 use crate::settings::Settings;
 use goals::{GoalUnderWay, Origin, Progress};
@@ -49,6 +50,9 @@ pub(super) struct ChangeRequests {
     under_way: Option<UnderWay>,
     /// In real time, the goals of the scenario.
     schedule: Schedule,
+    /// In real time, the way to the present goal.
+    keeper: Keeper,
+    real_time: bool,
 }
 
 impl ChangeRequests {
@@ -65,6 +69,8 @@ impl ChangeRequests {
             settings: settings.clone(),
             under_way: earlier.flatten().map(UnderWay::Goal),
             schedule: Schedule::new(goals, settings.run.period_nanos as f64 * 1e-9),
+            keeper: Keeper::default(),
+            real_time,
         }
     }
 
@@ -86,7 +92,13 @@ impl ChangeRequests {
             self.under_way = Some(UnderWay::Goal(goal));
             return;
         }
-        let Some(request) = self.inbox.take() else { return };
+        let Some(request) = self.inbox.take() else {
+            let period_s = self.settings.run.period_nanos as f64 * 1e-9;
+            if self.real_time && self.keeper.is_due(taken_at_tick, period_s) {
+                self.under_way = Some(UnderWay::Goal(GoalUnderWay::review_at(taken_at_tick)));
+            }
+            return;
+        };
         match self.take(request, taken_at_tick, handover) {
             Ok(under_way) => self.under_way = Some(under_way),
             Err(refusal) => self.refuse(&refusal),
@@ -145,19 +157,22 @@ impl ChangeRequests {
     /// Takes the goal under way one step further.
     fn carry_on_goal(&mut self, handover: &Handover) {
         let Some(UnderWay::Goal(goal)) = &mut self.under_way else { return };
-        let progress = goal.carry_on(handover, &self.settings);
+        let progress = goal.carry_on(handover, &self.settings, &mut self.keeper);
         let (origin, taken_at_tick) = (goal.origin(), goal.taken_at_tick());
         match progress {
             Ok(Progress::Waits) => return,
+            Ok(Progress::Stays) => {}
             Ok(Progress::Followed { plant_epoch, from }) => match origin {
                 Origin::Operator => self.applied(plant_epoch, [taken_at_tick, from], from),
                 Origin::Earlier => tracing::info!("the earlier goal is restored"),
                 Origin::Schedule => tracing::info!(tick = from, "a goal of the scenario"),
+                Origin::Review => tracing::info!(tick = from, "another way around obstacles"),
             },
             Err(refusal) => match origin {
                 Origin::Operator => self.refuse(&refusal),
                 Origin::Earlier => tracing::warn!("the earlier goal is lost: {refusal}"),
                 Origin::Schedule => tracing::warn!("a goal of the scenario is refused: {refusal}"),
+                Origin::Review => tracing::warn!("the way is not planned anew: {refusal}"),
             },
         }
         self.under_way = None;

@@ -2,10 +2,11 @@
 
 use super::Refusal;
 use crate::adopt::Handover;
+use crate::goal::keeper::Keeper;
 use crate::goal::{Course, Demand, GoalError, GoalRequest, OUTLOOK_POINTS, Outlook};
 use crate::settings::Settings;
+use model::Pose;
 use process::requests::Request;
-use robot::Surroundings;
 use std::time::{Duration, Instant};
 
 /// Attempts to hand the reference over before its begin has passed.
@@ -15,9 +16,12 @@ const PATIENCE: Duration = Duration::from_secs(3);
 
 /// A goal that the control thread does not follow yet.
 pub(super) struct GoalUnderWay {
-    request: GoalRequest,
+    /// None for a review: the keeper has it.
+    request: Option<GoalRequest>,
     id: u64,
     origin: Origin,
+    /// Poses of the course that the control thread has.
+    way: Vec<Pose>,
     taken_at_tick: u64,
     stage: Stage,
     attempts: u32,
@@ -33,6 +37,8 @@ pub(super) enum Origin {
     Earlier,
     /// The scenario.
     Schedule,
+    /// The review of the way to the present goal.
+    Review,
 }
 
 enum Stage {
@@ -48,6 +54,8 @@ enum Stage {
 pub(super) enum Progress {
     /// It still waits for the control thread.
     Waits,
+    /// The way to the present goal stays as it is.
+    Stays,
     /// The control thread follows it.
     Followed {
         /// Epoch of the plant.
@@ -74,8 +82,42 @@ impl GoalUnderWay {
     }
 
     pub(super) fn of(request: GoalRequest, id: u64, origin: Origin, taken_at_tick: u64) -> Self {
+        Self { request: Some(request), id, ..Self::review(taken_at_tick, origin) }
+    }
+
+    /// A review of the way to the present goal.
+    pub(super) fn review_at(tick: u64) -> Self {
+        Self::review(tick, Origin::Review)
+    }
+
+    fn review(taken_at_tick: u64, origin: Origin) -> Self {
         let (stage, since) = (Stage::New, Instant::now());
-        Self { request, id, origin, taken_at_tick, stage, attempts: 0, since }
+        let (request, id, way) = (None, 0, Vec::new());
+        Self { request, id, origin, way, taken_at_tick, stage, attempts: 0, since }
+    }
+
+    /// The course from `outlook` on; `None` if the present one stays.
+    fn course(
+        &self,
+        outlook: &Outlook,
+        settings: &Settings,
+        keeper: &mut Keeper,
+    ) -> Result<Option<Course>, GoalError> {
+        let (robot, map) = (&settings.robot, &settings.surroundings());
+        let period_s = settings.run.period_nanos as f64 * 1e-9;
+        match &self.request {
+            Some(request) => Course::new(request, self.id, outlook, robot, map, period_s).map(Some),
+            None => Ok(keeper.review(outlook, robot, map, period_s)),
+        }
+    }
+
+    /// The control thread follows the course.
+    fn followed(&mut self, keeper: &mut Keeper) {
+        let way = std::mem::take(&mut self.way);
+        match &self.request {
+            Some(request) => keeper.keep(self.id, request, way),
+            None => keeper.take_way(way),
+        }
     }
 
     pub(super) fn origin(&self) -> Origin {
@@ -91,6 +133,7 @@ impl GoalUnderWay {
         &mut self,
         handover: &Handover,
         settings: &Settings,
+        keeper: &mut Keeper,
     ) -> Result<Progress, Refusal> {
         match self.stage {
             Stage::New => {
@@ -100,15 +143,10 @@ impl GoalUnderWay {
             }
             Stage::Outlook => match handover.outlook.pop() {
                 Some(outlook) => {
-                    let period_s = settings.run.period_nanos as f64 * 1e-9;
-                    let course = Course::new(
-                        &self.request,
-                        self.id,
-                        &outlook,
-                        &settings.robot,
-                        &Surroundings::default(),
-                        period_s,
-                    )?;
+                    let Some(mut course) = self.course(&outlook, settings, keeper)? else {
+                        return Ok(Progress::Stays);
+                    };
+                    self.way = std::mem::take(&mut course.way);
                     drop(handover.course.push(Box::new(course)));
                     self.stage = Stage::Exchange;
                 }
@@ -124,6 +162,7 @@ impl GoalUnderWay {
                     return Ok(Progress::Waits);
                 };
                 if let Some(from) = from {
+                    self.followed(keeper);
                     return Ok(Progress::Followed { plant_epoch: course.goal.plant_epoch, from });
                 }
                 self.attempts += 1;
