@@ -42,7 +42,6 @@ use protocol::message::{
 };
 use publisher::Publisher;
 use robot::{Limits, Obstacle};
-use seen::Seen;
 use tuning::Tuned;
 
 /// The controller could not be set up.
@@ -62,8 +61,8 @@ pub enum ControllerError {
     NoForesight,
 }
 
-/// A robot that the gate slows is held up if it is farther from its reference than this \[m\].
-const HELD_UP_M: f64 = 0.1;
+/// A robot before an obstacle is held up if it is farther from its reference than this \[m\].
+const HELD_UP_M: f64 = 0.2;
 /// Interval at which the present goal is told \[s\].
 const GOAL_EVERY_S: f64 = 0.1;
 
@@ -139,7 +138,6 @@ pub struct Controller {
     guard: Guard,
     publisher: Publisher,
     goal: GoalWatch,
-    seen: Seen,
     /// Whether an obstacle holds the robot up.
     held_up: bool,
     /// Whether the robot holds its pose when a plant starts, in place of the reference.
@@ -181,11 +179,14 @@ impl Controller {
             before: None,
             watch: Watch::new(main, bound(&main, &settings.robot)),
             knowledge: Knowledge::new(settings, main, foresight),
-            planner: Planner::new(Tuned::new(settings, None)?, method),
+            planner: Planner::new(
+                Tuned::new(settings, None)?,
+                method,
+                settings.run.period_nanos as f64 * 1e-9,
+            ),
             guard: Guard::new(settings),
             publisher: Publisher::new(),
             goal: GoalWatch::default(),
-            seen: Seen::new(settings.run.period_nanos as f64 * 1e-9),
             held_up: false,
             holds_at_start: false,
             gate: GateState::Armed,
@@ -237,8 +238,8 @@ impl Controller {
         }
         self.gate = state.gate();
         let braking = self.braking_periods(&state.velocity);
-        let slowed = state.reason().is_slowed();
-        self.held_up = slowed && self.lag_m(state) > HELD_UP_M;
+        let by_obstacle = state.reason().is_slowed() || self.planner.mpc.is_held_by_obstacle();
+        self.held_up = by_obstacle && self.lag_m(state) > HELD_UP_M;
         let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
         self.planner.look_at_gate(waits, state.stamp.tick, braking, &mut self.knowledge);
         let now = Measured { pose: state.pose, velocity: state.velocity };
@@ -252,7 +253,7 @@ impl Controller {
         ) && !state.reason().is_slowed();
         let commanded = ours.then(|| self.publisher.commanded());
         let seen = self.measure(state, &Driven { acted: state.input, commanded }, handover);
-        if seen {
+        if seen && !self.held_up {
             self.guard.judge_tracking(state, &self.planner, handover);
         }
         let input_known = state.input.iter().all(|value| value.is_finite()) && seen;
@@ -279,7 +280,7 @@ impl Controller {
 
     /// Takes the obstacles that `source` knew at `tick`. Does not allocate.
     pub fn see_obstacles(&mut self, source: ObstacleSource, obstacles: &[Obstacle], tick: u64) {
-        self.seen.replace(source, obstacles, tick);
+        self.planner.seen.replace(source, obstacles, tick);
     }
 
     /// Distance of the robot from its reference \[m\].
@@ -488,8 +489,6 @@ impl Controller {
         (outlook.plant_epoch, outlook.gate) = (plant_epoch, self.gate);
         (outlook.pose, outlook.velocity) = (before.state.pose, before.state.velocity);
         (outlook.goal, outlook.held_up) = (self.goal.active(), self.held_up);
-        outlook.obstacles.clear();
-        outlook.obstacles.extend(self.seen.at(before.tick));
         self.planner.write_ahead(outlook)
     }
 
@@ -522,7 +521,6 @@ impl Controller {
         self.watch.reset();
         self.knowledge.reset();
         self.guard.reset();
-        self.seen.forget();
         self.planner.reset();
         self.goal.abort();
         if self.holds_at_start {

@@ -6,6 +6,7 @@
 //!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
 //!      |k_p J (u_k − v_k + (g + d)/(1 − A))/r| ≤ i_max (1 + s_k)
 //!      |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
+//!      n·p_k ≤ b_k + s"_k  for each obstacle ([`around`]),  s"_k ≥ 0
 //!      −w_r (1 + s'_k) ≤ nᵀ(p_k − p_r) ≤ w_l (1 + s'_k),  s'_k ≥ 0
 //! x_0 given, u_{−1} the last command      n: across the reference's course, to the left
 //! ```
@@ -57,6 +58,7 @@
 //! ```
 
 pub mod active_set;
+pub mod around;
 pub mod constraint;
 mod cost;
 mod expected;
@@ -77,6 +79,7 @@ use crate::reference::ReferencePoint;
 #[cfg(feature = "faults")]
 use crate::settings::SolverFaults;
 use crate::settings::{Linearise, MpcSettings};
+use around::Around;
 use constraint::{InputLimits, Limits};
 use expected::Expectation;
 use interior_point::SolverError;
@@ -89,7 +92,7 @@ use model::{State, Velocity};
 use nalgebra::SMatrix;
 use protocol::clock::monotonic_nanos;
 use qp::{QuadraticProgram, Vector, WIDTH};
-use robot::{Robot, WHEELS_MAX};
+use robot::{Obstacle, Robot, Surroundings, WHEELS_MAX};
 use solver::Solver;
 use tightening::Tightening;
 
@@ -196,6 +199,7 @@ pub struct Mpc {
     /// Displacement of the states.
     moves: Vec<Vector>,
     turn: Turn,
+    held_by_obstacle: bool,
 }
 
 impl Mpc {
@@ -205,6 +209,22 @@ impl Mpc {
     /// [`MpcError`] if the weights are ill-posed or the solver refuses the problem.
     pub fn new(settings: &MpcSettings, robot: &Robot, main: &MainModel) -> Result<Self, MpcError> {
         Self::formulated(Formulation::Holding, settings, &InputLimits::of(robot, main.period), main)
+    }
+
+    /// The same with rows for obstacles: those of `map`, and those that are
+    /// [seen](Self::see_obstacles).
+    ///
+    /// # Errors
+    /// [`MpcError`] if the weights are ill-posed or the solver refuses the problem.
+    pub fn among_obstacles(
+        settings: &MpcSettings,
+        robot: &Robot,
+        main: &MainModel,
+        map: &Surroundings,
+    ) -> Result<Self, MpcError> {
+        let around = Around::new(robot, map, main.period);
+        let inputs = InputLimits::of(robot, main.period);
+        Self::built(Formulation::Holding, settings, &inputs, main, Some(around))
     }
 
     /// The same for another formulation, or for input limits other than a robot's.
@@ -217,8 +237,19 @@ impl Mpc {
         inputs: &InputLimits,
         main: &MainModel,
     ) -> Result<Self, MpcError> {
+        Self::built(formulation, settings, inputs, main, None)
+    }
+
+    fn built(
+        formulation: Formulation,
+        settings: &MpcSettings,
+        inputs: &InputLimits,
+        main: &MainModel,
+        around: Option<Around>,
+    ) -> Result<Self, MpcError> {
         let (horizon, blocks) = (settings.horizon_steps, settings.control_horizon_steps);
         let limits = Limits::new(inputs, &settings.state_limits, horizon, blocks, main);
+        let limits = limits.around(around);
         let cost = Cost::new(settings, formulation, main)?;
         let program = QuadraticProgram::new(
             horizon,
@@ -255,6 +286,7 @@ impl Mpc {
             expectation: None,
             solver,
             turn: Turn::default(),
+            held_by_obstacle: false,
         })
     }
 
@@ -276,7 +308,7 @@ impl Mpc {
     pub fn reset(&mut self) {
         self.deviation.fill([0.0; 3]);
         self.stages.fill(Stage::default());
-        (self.planned, self.expectation) = (false, None);
+        (self.planned, self.expectation, self.held_by_obstacle) = (false, None, false);
     }
 
     /// Expects the robot to have the heading of `state`, before there is a plan.
@@ -317,6 +349,21 @@ impl Mpc {
         self.stages
             .first()
             .map_or(Foretold::default(), |first| self.limits.foretold_currents(first, after))
+    }
+
+    /// Sets the obstacles around a plan that begins at `state`: where they are then. A program that
+    /// was written for others is dropped. Does not allocate.
+    pub fn see_obstacles(&mut self, state: &State, seen: impl Iterator<Item = Obstacle>) {
+        let horizon = self.horizon;
+        if let Some(around) = self.limits.obstacles_mut() {
+            around.choose(state, horizon, seen);
+            self.expectation = None;
+        }
+    }
+
+    /// Whether an obstacle holds the last plan.
+    pub fn is_held_by_obstacle(&self) -> bool {
+        self.held_by_obstacle
     }
 
     /// The predicted periods of the last plan.
@@ -543,6 +590,7 @@ impl Mpc {
             outcome.status = Status::Wrong;
             return;
         }
+        self.held_by_obstacle = self.limits.held_by_obstacle(&self.program, &self.moves);
         let (change, _) = self.solution.as_chunks::<3>();
         let free = change.get(..self.blocks).unwrap_or_default();
         for (deviation, change) in self.deviation.iter_mut().zip(free) {

@@ -100,6 +100,10 @@ impl Guard {
             FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop => {
                 judge.reset();
             }
+            // The robot keeps clear of an obstacle: its distance from the reference tells nothing.
+            _ if planner.mpc.is_held_by_obstacle() || state.reason().is_slowed() => {
+                judge.pass_over(&believed.pose);
+            }
             FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
                 if by_plans || judge.prefers_simple() =>
             {

@@ -2,6 +2,7 @@
 //! controllers that need no plan.
 
 use super::reference_clock::ReferenceClock;
+use super::seen::Seen;
 use super::tuning::Tuned;
 use crate::explanations::Model;
 use crate::fallback;
@@ -31,6 +32,8 @@ pub(super) struct Planner {
     method: Method,
     reference: Reference,
     clock: ReferenceClock,
+    /// Obstacles of the newest lists.
+    pub(super) seen: Seen,
     /// The reference at the prepared tick and at as many later ticks as delay and horizon can need.
     points: Vec<ReferencePoint>,
     /// Time budget of an answer; `None` in lock step \[ns\].
@@ -40,13 +43,14 @@ pub(super) struct Planner {
 }
 
 impl Planner {
-    pub(super) fn new(parts: Tuned, method: Method) -> Self {
+    pub(super) fn new(parts: Tuned, method: Method, period_s: f64) -> Self {
         let Tuned { mpc, reference, points, budget_nanos, .. } = parts;
         Self {
             mpc,
             method,
             reference: reference.unwrap_or_default(),
             clock: ReferenceClock::default(),
+            seen: Seen::new(period_s),
             points,
             budget_nanos,
             prepared: None,
@@ -77,6 +81,7 @@ impl Planner {
     pub(super) fn reset(&mut self) {
         self.mpc.reset();
         self.prepared = None;
+        self.seen.forget();
         self.clock = ReferenceClock::default();
     }
 
@@ -104,6 +109,9 @@ impl Planner {
             self.mpc.begin_at(state);
         }
         self.look_ahead(tick);
+        // The plan begins where the inputs under way end.
+        let begin = tick + knowledge.delay().whole() as u64;
+        self.mpc.see_obstacles(state, self.seen.at(begin));
         self.mpc.prepare(planned(&self.points, knowledge), &knowledge.belief());
         self.expect_errors(knowledge);
         self.prepared = Some(Prepared { tick, models: knowledge.models() });
@@ -195,6 +203,8 @@ impl Planner {
         outlook.points.clear();
         let room = outlook.points.capacity();
         outlook.points.extend(self.points.iter().take(room));
+        outlook.obstacles.clear();
+        outlook.obstacles.extend(self.seen.at(prepared.tick));
         true
     }
 

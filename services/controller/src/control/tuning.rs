@@ -52,8 +52,13 @@ impl Tuned {
     /// [`ControllerError`] if the weights, the solver or the reference are invalid.
     pub fn new(settings: &Settings, before: Option<&Settings>) -> Result<Self, ControllerError> {
         let period = settings.run.period_nanos as f64 * 1e-9;
-        let mpc =
-            Mpc::new(&settings.mpc, &settings.robot, &MainModel::new(&settings.robot, period))?;
+        let main = MainModel::new(&settings.robot, period);
+        let mpc = if settings.sees_obstacles || settings.map.is_some() {
+            let map = settings.surroundings();
+            Mpc::among_obstacles(&settings.mpc, &settings.robot, &main, &map)?
+        } else {
+            Mpc::new(&settings.mpc, &settings.robot, &main)?
+        };
         #[cfg(feature = "faults")]
         let mpc = mpc.with_faults(settings.solver_faults.clone());
         // Long enough for every horizon that can be set later.

@@ -10,6 +10,7 @@
 //!
 //! Tightening reduces the bounds on the state, at most until the two sides meet.
 
+use super::around::{ACTIVE_MAX, Around};
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{Outlook, Stage};
 use crate::currents::Foretold;
@@ -47,6 +48,8 @@ enum Kind {
     /// Distance across the reference's course over the width to the left, or to the right if the
     /// sign is −1. Bounded from above alone; soft.
     Corridor(f64),
+    /// Distance from one of the nearest obstacles; soft, with a slack of its own.
+    Obstacle(usize),
 }
 
 /// Limits of the inputs.
@@ -99,6 +102,8 @@ pub struct Limits {
     main: MainModel,
     /// Wheels whose current rows are dropped.
     dropped: [bool; WHEELS_MAX],
+    /// Obstacles; none if the program has no rows for them.
+    around: Option<Around>,
     /// Kind and period of each row; a row on a state bounds that period's end.
     kinds: Vec<(Kind, usize)>,
 }
@@ -121,10 +126,36 @@ impl Limits {
             horizon,
             main: *main,
             dropped: [false; WHEELS_MAX],
+            around: None,
             kinds: Vec::new(),
         };
         this.kinds = this.all_kinds(blocks);
         this
+    }
+
+    /// The same with rows for obstacles.
+    pub(super) fn around(mut self, around: Option<Around>) -> Self {
+        if around.is_some() {
+            let periods = 0..self.horizon;
+            self.kinds.extend(periods.flat_map(|period| {
+                (0..ACTIVE_MAX).map(move |index| (Kind::Obstacle(index), period))
+            }));
+        }
+        Self { around, ..self }
+    }
+
+    /// The obstacles, if the program has rows for them.
+    pub(super) fn obstacles_mut(&mut self) -> Option<&mut Around> {
+        self.around.as_mut()
+    }
+
+    /// Whether an obstacle holds the plan that moves the states by `moves`.
+    pub(super) fn held_by_obstacle(&self, program: &QuadraticProgram, moves: &[Vector]) -> bool {
+        let rows = program.rows.iter().zip(&self.kinds);
+        self.around.as_ref().is_some_and(|around| around.count() > 0)
+            && rows
+                .filter(|(_, (kind, _))| matches!(kind, Kind::Obstacle(_)))
+                .any(|(row, _)| Around::holds(row, row.value(moves, &[])))
     }
 
     /// From now on the current rows of these wheels are inactive.
@@ -183,6 +214,11 @@ impl Limits {
 
     /// Number of slacks.
     pub fn slacks(&self) -> usize {
+        self.first_obstacle_slack() + if self.around.is_some() { self.horizon } else { 0 }
+    }
+
+    /// Number of slacks of the other rows.
+    fn first_obstacle_slack(&self) -> usize {
         if self.corridor.iter().any(Option::is_some) { 2 * self.horizon } else { self.horizon }
     }
 
@@ -229,8 +265,10 @@ impl Limits {
                 Kind::Heading => (period + 1, 0, Some(period)),
                 Kind::Speed(_) => (period + 1, VELOCITY, Some(period)),
                 Kind::Corridor(_) => (period + 1, 0, Some(self.horizon + period)),
+                Kind::Obstacle(_) => (period + 1, 0, Some(self.first_obstacle_slack() + period)),
             };
-            let below = if matches!(kind, Kind::Corridor(_)) { f64::INFINITY } else { 1.0 };
+            let is_one_sided = matches!(kind, Kind::Corridor(_) | Kind::Obstacle(_));
+            let below = if is_one_sided { f64::INFINITY } else { 1.0 };
             Row {
                 stage,
                 first,
@@ -285,11 +323,23 @@ impl Limits {
         self.clamp(&near)
     }
 
+    /// Distances of the obstacles at the start of the plan \[m\].
+    fn distances(&self, outlook: &Outlook<'_>) -> [f64; ACTIVE_MAX] {
+        let mut distances = [f64::INFINITY; ACTIVE_MAX];
+        if let Some(around) = &self.around {
+            for (index, distance) in distances.iter_mut().enumerate().take(around.count()) {
+                *distance = around.distance(index, 0, outlook.state(0));
+            }
+        }
+        distances
+    }
+
     /// Writes every row about the present plan. Does not allocate.
     pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
         let Outlook { stages, last_input, .. } = *outlook;
         let InputLimits { wheel: of_wheel, current, input: largest, change, .. } = &self.inputs;
         let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
+        let mut distances = self.distances(outlook);
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
             let Some(stage) = stages.get(period) else { continue };
             let after = outlook.state(period + 1);
@@ -333,6 +383,12 @@ impl Limits {
                     row.bounds[0] = 1.0
                         - sign * point.lateral(&after.pose) / width
                         - drawn_in(outlook, row, most);
+                    continue;
+                }
+                Kind::Obstacle(index) => {
+                    let Some(around) = &self.around else { continue };
+                    distances[index] = around.write(index, period, after, distances[index], row);
+                    row.bounds[0] -= drawn_in(outlook, row, 1.0);
                     continue;
                 }
             };
