@@ -1,5 +1,6 @@
 //! One control tick of the paper's scenario: observe, answer, explain; with the main model alone
-//! and with a learned one of 120 points. Then the preparation of a model of 200 points. Then a
+//! and with a learned one of 120 points. Then the preparation of a model of 200 points. Then a tick
+//! among eight obstacles beside one without. Then a
 //! million ticks on a circle, with a push off it every forty ticks, and their allocations and page
 //! faults.
 //!
@@ -21,9 +22,9 @@ use model::{AXES, State};
 use process::Run;
 use protocol::clock::monotonic_nanos;
 use protocol::message::{
-    FallbackLevel, GateState, INPUTS_MAX, ModelSnapshot, PlantState, SnapshotHead,
+    FallbackLevel, GateState, INPUTS_MAX, ModelSnapshot, ObstacleSource, PlantState, SnapshotHead,
 };
-use robot::Robot;
+use robot::{ImpossibleShape, Obstacle, Robot, Shape};
 use std::error::Error;
 use std::hint::black_box;
 use transport::Links;
@@ -259,11 +260,84 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// Median times of a whole tick on a circle, with N = 20, T = 20 ms and 100 learned points: without
+/// obstacles, and with eight discs that move with the robot, close around it. No tick allocates.
+fn obstacles() -> Result<(), Box<dyn Error>> {
+    const MEASURED: usize = 20_000;
+    let mut settings = settings();
+    settings.run.period_nanos = 20_000_000;
+    settings.duration_s = 0.02 * MEASURED as f64 + 10.0;
+    settings.reference.path =
+        controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.0 };
+    (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (20, 10);
+    let mut medians = [0.0; 2];
+    let mut held = 0;
+    for (median, among) in medians.iter_mut().zip([false, true]) {
+        settings.sees_obstacles = among;
+        let mut controller = Controller::new(&settings)?;
+        drop(controller.adopt(candidate(100)?));
+        let handover = Handover::default();
+        let mut measured: PlantState = bytemuck::Zeroable::zeroed();
+        (measured.gate, measured.stamp.epoch) = (GateState::Driving.code(), 1);
+        let (mut robot, mut times) = (State::default(), Vec::with_capacity(MEASURED));
+        let mut discs = Vec::with_capacity(8);
+        let mut tick_once = |tick: usize| -> Result<(), ImpossibleShape> {
+            (measured.stamp.tick, measured.fallback_level) =
+                (tick as u64, FallbackLevel::FreshPlan.code());
+            (measured.pose, measured.velocity, measured.input) =
+                (robot.pose, robot.velocity, robot.acted);
+            let (sin, cos) = robot.pose[2].sin_cos();
+            let [forward, left, _] = robot.velocity;
+            discs.clear();
+            for i in 0..8 {
+                let (y, x) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
+                let centre = [robot.pose[0] + 0.55 * x, robot.pose[1] + 0.55 * y];
+                let velocity_mps = [cos * forward - sin * left, sin * forward + cos * left];
+                discs.push(Obstacle { shape: Shape::hull(&[centre], 0.2)?, velocity_mps });
+            }
+            let begin = monotonic_nanos();
+            if among {
+                controller.see_obstacles(ObstacleSource::Robot, &discs, tick as u64);
+            }
+            controller.observe(&measured, &handover, 1);
+            let input = controller.answer(&measured, &handover).input;
+            black_box(controller.explain(0));
+            controller.prepare_next();
+            if tick >= WARM_UP as usize {
+                times.push(monotonic_nanos() - begin);
+            }
+            held += u64::from(among && controller.is_held_by_obstacle());
+            robot = controller.knowledge().belief().predict(&robot, &input);
+            Ok(())
+        };
+        (0..WARM_UP as usize).try_for_each(&mut tick_once)?;
+        let mut done = Ok(());
+        let heap = allocation_counter::measure(|| {
+            done = (WARM_UP as usize..WARM_UP as usize + MEASURED).try_for_each(&mut tick_once);
+        });
+        done?;
+        if heap.count_total > 0 {
+            return Err(format!("{} bytes were allocated", heap.bytes_total).into());
+        }
+        times.sort_unstable();
+        *median = 1e-3 * times[times.len() / 2] as f64;
+    }
+    let [without, with] = medians;
+    println!(
+        "{{\"tick_without_obstacles_us\":{without:.1},\"with_8_us\":{with:.1},\
+         \"ratio\":{:.2},\"held_share\":{:.2}}}",
+        with / without,
+        held as f64 / (MEASURED as f64 + WARM_UP as f64)
+    );
+    Ok(())
+}
+
 criterion_group!(benches, control_tick);
 
 fn main() -> Result<(), Box<dyn Error>> {
     benches();
     adoption()?;
+    obstacles()?;
     Criterion::default().configure_from_args().final_summary();
     million_ticks()
 }

@@ -238,7 +238,7 @@ impl Controller {
         }
         self.gate = state.gate();
         let braking = self.braking_periods(&state.velocity);
-        let by_obstacle = state.reason().is_slowed() || self.planner.mpc.is_held_by_obstacle();
+        let by_obstacle = state.reason().is_slowed() || self.is_held_by_obstacle();
         self.held_up = by_obstacle && self.lag_m(state) > HELD_UP_M;
         let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
         self.planner.look_at_gate(waits, state.stamp.tick, braking, &mut self.knowledge);
@@ -281,6 +281,11 @@ impl Controller {
     /// Takes the obstacles that `source` knew at `tick`. Does not allocate.
     pub fn see_obstacles(&mut self, source: ObstacleSource, obstacles: &[Obstacle], tick: u64) {
         self.planner.seen.replace(source, obstacles, tick);
+    }
+
+    /// Whether an obstacle holds the last plan.
+    pub fn is_held_by_obstacle(&self) -> bool {
+        self.planner.mpc.is_held_by_obstacle()
     }
 
     /// Distance of the robot from its reference \[m\].

@@ -60,8 +60,8 @@ pub struct WorldsOptions {
         value_parser = clap::value_parser!(u64).range(1..=10_000)
     )]
     pub count: u64,
-    /// Scenario of the robot, by its name beside that of the graph. The start and the goal are those
-    /// of each world.
+    /// Scenario of the robot, by its name beside that of the graph. Start and goal are those of
+    /// each world.
     #[arg(long, value_name = "NAME", default_value = "goals")]
     pub scenario: String,
     /// Measure without noise.
@@ -357,7 +357,8 @@ fn witness(ports: &Ports, stop: &Stop, judge: &mut Judge) -> Result<(), WorldErr
 /// The figures of worlds whose discs stand, and of those with discs that move.
 fn rendered(rows: &[WorldRow]) -> String {
     let mut text = String::from(
-        "worlds        with a way   reached      collisions   of them own   least       time     slowed\n",
+        "worlds        with a way   reached      collisions   of them own   least       time     \
+         slowed\n",
     );
     for (name, moving) in [("all stand", false), ("some move", true)] {
         let rows: Vec<&WorldRow> = rows.iter().filter(|row| row.moving == moving).collect();

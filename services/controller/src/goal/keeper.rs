@@ -123,8 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn an_obstacle_in_the_way_gives_a_new_course_with_the_same_number() -> Result<(), Box<dyn Error>>
-    {
+    fn an_obstacle_in_the_way_gives_another_course() -> Result<(), Box<dyn Error>> {
         let (mut keeper, _) = followed()?;
         let clear = Outlook { goal: Some(7), ..driving() };
         assert!(reviewed(&mut keeper, &clear).is_none());

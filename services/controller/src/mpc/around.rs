@@ -2,7 +2,7 @@
 //!
 //! | here         | in the equations | meaning                                              |
 //! |--------------|------------------|------------------------------------------------------|
-//! | `distance_m` | d                | from the footprint to the obstacle, at their places of that stage |
+//! | `distance_m` | d                | from the footprint to the obstacle, at that stage    |
 //! | `normal`     | n                | unit vector along it, towards the obstacle           |
 //! | `arm`        | r                | from the robot's centre to its nearest point         |
 //! | `margin_m`   | m                | distance that the plan keeps                         |
@@ -85,8 +85,8 @@ impl Around {
         }
     }
 
-    /// Chooses the nearest obstacles for a plan over `horizon` periods from `state` on: those of the
-    /// map, and `seen`, which are where they will be then.
+    /// Chooses the nearest obstacles for a plan over `horizon` periods from `state` on: those of
+    /// the map, and `seen`, which are where they will be then.
     pub(super) fn choose(
         &mut self,
         state: &State,
