@@ -61,8 +61,9 @@ pub enum ControllerError {
     NoForesight,
 }
 
-/// A robot before an obstacle is held up if it is farther from its reference than this \[m\].
-const HELD_UP_M: f64 = 0.2;
+/// A robot before an obstacle is held up if its reference is farther ahead than this, and than it
+/// drives in this time \[m, s\].
+const HELD_UP: (f64, f64) = (0.25, 0.5);
 /// Interval at which the present goal is told \[s\].
 const GOAL_EVERY_S: f64 = 0.1;
 
@@ -239,7 +240,11 @@ impl Controller {
         self.gate = state.gate();
         let braking = self.braking_periods(&state.velocity);
         let by_obstacle = state.reason().is_slowed() || self.is_held_by_obstacle();
-        self.held_up = by_obstacle && self.lag_m(state) > HELD_UP_M;
+        self.held_up = by_obstacle && self.is_behind(state);
+        if by_obstacle {
+            // Afterwards the robot approaches its reference again.
+            self.guard.follow_another_reference();
+        }
         let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
         self.planner.look_at_gate(waits, state.stamp.tick, braking, &mut self.knowledge);
         let now = Measured { pose: state.pose, velocity: state.velocity };
@@ -253,7 +258,7 @@ impl Controller {
         ) && !state.reason().is_slowed();
         let commanded = ours.then(|| self.publisher.commanded());
         let seen = self.measure(state, &Driven { acted: state.input, commanded }, handover);
-        if seen && !self.held_up {
+        if seen && !by_obstacle {
             self.guard.judge_tracking(state, &self.planner, handover);
         }
         let input_known = state.input.iter().all(|value| value.is_finite()) && seen;
@@ -288,10 +293,14 @@ impl Controller {
         self.planner.mpc.is_held_by_obstacle()
     }
 
-    /// Distance of the robot from its reference \[m\].
-    fn lag_m(&self, state: &PlantState) -> f64 {
-        let reference = self.planner.reference_at(state.stamp.tick).pose;
-        (reference[0] - state.pose[0]).hypot(reference[1] - state.pose[1])
+    /// Whether the reference is far ahead of the robot, along its course. A robot that is beside its
+    /// reference passes the obstacle.
+    fn is_behind(&self, state: &PlantState) -> bool {
+        let reference = self.planner.reference_at(state.stamp.tick);
+        let (sin, cos) = reference.course.sin_cos();
+        let [x, y] = [0, 1].map(|axis| reference.pose[axis] - state.pose[axis]);
+        let speed = reference.velocity[0].hypot(reference.velocity[1]);
+        cos * x + sin * y > HELD_UP.0.max(HELD_UP.1 * speed)
     }
 
     /// Time that the gate's ramp needs to a standstill \[periods\].

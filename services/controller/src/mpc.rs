@@ -351,12 +351,12 @@ impl Mpc {
             .map_or(Foretold::default(), |first| self.limits.foretold_currents(first, after))
     }
 
-    /// Sets the obstacles around a plan that begins at `state`: where they are then. A program that
-    /// was written for others is dropped. Does not allocate.
-    pub fn see_obstacles(&mut self, state: &State, seen: impl Iterator<Item = Obstacle>) {
-        let horizon = self.horizon;
+    /// Sets the obstacles around the plan: where they are when it begins. A program that was
+    /// written for others is dropped. Does not allocate.
+    pub fn see_obstacles(&mut self, seen: impl Iterator<Item = Obstacle>) {
+        let state = self.stages.first().map_or(self.terminal, |stage| stage.state);
         if let Some(around) = self.limits.obstacles_mut() {
-            around.choose(state, horizon, seen);
+            around.choose(&state, self.horizon, seen);
             self.expectation = None;
         }
     }

@@ -12,7 +12,7 @@ use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
 use crate::goal::keeper::Keeper;
 use crate::goal::schedule::Schedule;
-use crate::goal::{Course, GoalRequest, OUTLOOK_POINTS, Outlook};
+use crate::goal::{Course, GoalError, GoalRequest, OUTLOOK_POINTS, Outlook};
 use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
@@ -458,18 +458,22 @@ impl<'a> Loop<'a> {
         }
         let (robot, map) = (&self.settings.robot, &self.map);
         let Some((id, request)) = due else {
-            if let Some(course) = self.keeper.review(&outlook, robot, map, period_s) {
-                self.follow_course(course, None, tick);
+            match self.keeper.review(&outlook, robot, map, period_s) {
+                Ok(Some(course)) => self.follow_course(course, None, tick),
+                Ok(None) => {}
+                Err(error) => self.tell_goal_error(tick, "the way is not planned anew", &error),
             }
             return;
         };
         match Course::new(&request, id, &outlook, robot, map, period_s) {
             Ok(course) => self.follow_course(course, Some(&request), tick),
-            Err(error) => {
-                tracing::warn!(tick, "a goal of the scenario is refused: {error}");
-                self.pulse.health().set_last_error(&format!("goal {id}: {error}"));
-            }
+            Err(error) => self.tell_goal_error(tick, "a goal of the scenario is refused", &error),
         }
+    }
+
+    fn tell_goal_error(&mut self, tick: u64, what: &str, error: &GoalError) {
+        tracing::warn!(tick, "{what}: {error}");
+        self.pulse.health().set_last_error(&format!("{what}: {error}"));
     }
 
     /// Follows `course` from `tick` on: that of another goal, or another way to the present one.

@@ -41,7 +41,7 @@ pub struct Settings {
     /// Known obstacles, zones and the border of the area.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map: Option<Map>,
-    /// Whether, in lock step, the plant sends a list of obstacles in each period.
+    /// Whether lists of obstacles can arrive. In lock step the plant then sends one per period.
     #[serde(default)]
     pub sees_obstacles: bool,
     /// The optimiser and the fallback.

@@ -60,6 +60,9 @@ pub struct WorldsOptions {
         value_parser = clap::value_parser!(u64).range(1..=10_000)
     )]
     pub count: u64,
+    /// Seed of the first world.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub first: u64,
     /// Scenario of the robot, by its name beside that of the graph. Start and goal are those of
     /// each world.
     #[arg(long, value_name = "NAME", default_value = "goals")]
@@ -145,7 +148,7 @@ pub fn worlds(options: &WorldsOptions) -> Result<(), ExperimentError> {
     let mut json = options.json.as_deref().map(crate::create).transpose()?;
     let home = std::env::temp_dir().join(format!("coxswain-worlds-{}", std::process::id()));
     let swept = Swept(home.clone());
-    let seeds: Vec<u64> = (1..=options.count).collect();
+    let seeds: Vec<u64> = (0..options.count).map(|one| options.first.wrapping_add(one)).collect();
     let mut terminal = Terminal::new();
     let rows = parallel::run_all(
         &seeds,

@@ -89,6 +89,20 @@ pub struct About {
     pub corridor_right_m: Option<f64>,
     /// File with the same run without learning, see [`comparison`](crate::comparison).
     pub without_learning: Option<PathBuf>,
+    /// Known obstacles, zones and border.
+    pub map: DrawnMap,
+}
+
+/// A map as it is drawn. Each shape is a radius, then x and y of its corners \[m\].
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DrawnMap {
+    /// Obstacles that stand.
+    pub obstacles: Vec<Vec<f64>>,
+    /// Areas with a speed limit.
+    pub zones: Vec<Vec<f64>>,
+    /// The border; none, or one.
+    pub fence: Vec<Vec<f64>>,
 }
 
 impl Check for About {

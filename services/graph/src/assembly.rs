@@ -14,10 +14,10 @@ use crate::scenario::Scenario;
 use bridge::settings::Remote;
 use controller::settings::LearnedSettings;
 use driver::ProgramSettings;
-use gateway::settings::About;
+use gateway::settings::{About, DrawnMap};
 use process::{PRIORITY, Pace, Run};
 use protocol::message::{Exposure, Participant};
-use robot::{Map, Robot};
+use robot::{Map, Point, Robot};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
@@ -76,6 +76,18 @@ struct MapFile(Map);
 impl Check for MapFile {
     fn check(&self) -> Result<(), Impossible> {
         self.0.surroundings().map(drop).map_err(|error| Impossible::new(error.key, error.expected))
+    }
+}
+
+/// `map` for the page.
+fn drawn(map: &Map) -> DrawnMap {
+    let shape = |radius_m: f64, corners: &[Point]| {
+        std::iter::once(radius_m).chain(corners.iter().flatten().copied()).collect::<Vec<f64>>()
+    };
+    DrawnMap {
+        obstacles: map.obstacles.iter().map(|one| shape(one.radius_m, &one.corners_m)).collect(),
+        zones: map.zones.iter().map(|one| shape(one.radius_m, &one.corners_m)).collect(),
+        fence: if map.fence_m.is_empty() { vec![] } else { vec![shape(0.0, &map.fence_m)] },
     }
 }
 
@@ -331,7 +343,7 @@ impl Assembly {
             reference: self.scenario.reference.clone(),
             goals: self.scenario.goals.clone(),
             map: self.map.clone(),
-            sees_obstacles: self.graph.driver.is_none() && self.scenario.obstacles.is_some(),
+            sees_obstacles: self.sees_obstacles(),
             mpc: self.scenario.mpc,
             identified: self.scenario.identified.clone(),
             learned: LearnedSettings {
@@ -344,6 +356,12 @@ impl Assembly {
             #[cfg(feature = "faults")]
             solver_faults: self.faults.of_solver(),
         }
+    }
+
+    /// Whether lists of obstacles can arrive. In lock step only a simulator sends them for sure.
+    fn sees_obstacles(&self) -> bool {
+        let is_real = self.graph.driver.is_some() || self.graph.hosts.values().any(|it| it.driver);
+        if is_real { self.graph.pace == Pace::RealTime } else { self.scenario.obstacles.is_some() }
     }
 
     /// Settings of the gateway.
@@ -366,6 +384,7 @@ impl Assembly {
             corridor_left_m: limits.corridor_left_m,
             corridor_right_m: limits.corridor_right_m,
             without_learning: self.without_learning.clone(),
+            map: self.map.as_ref().map(drawn).unwrap_or_default(),
         };
         let Graph { mut telemetry, rates, page, .. } = self.graph.clone();
         telemetry.credentials = self.certificates.as_ref().map(Certificates::credentials);

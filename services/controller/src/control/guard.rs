@@ -101,9 +101,7 @@ impl Guard {
                 judge.reset();
             }
             // The robot keeps clear of an obstacle: its distance from the reference tells nothing.
-            _ if planner.mpc.is_held_by_obstacle() || state.reason().is_slowed() => {
-                judge.pass_over(&believed.pose);
-            }
+            _ if planner.mpc.is_held_by_obstacle() || state.reason().is_slowed() => judge.reset(),
             FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple
                 if by_plans || judge.prefers_simple() =>
             {

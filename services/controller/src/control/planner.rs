@@ -109,9 +109,7 @@ impl Planner {
             self.mpc.begin_at(state);
         }
         self.look_ahead(tick);
-        // The plan begins where the inputs under way end.
-        let begin = tick + knowledge.delay().whole() as u64;
-        self.mpc.see_obstacles(state, self.seen.at(begin));
+        self.look_around(tick, knowledge);
         self.mpc.prepare(planned(&self.points, knowledge), &knowledge.belief());
         self.expect_errors(knowledge);
         self.prepared = Some(Prepared { tick, models: knowledge.models() });
@@ -138,6 +136,12 @@ impl Planner {
         for (slot, offset) in self.points.iter_mut().zip(0..) {
             *slot = self.clock.point(&self.reference, tick + offset);
         }
+    }
+
+    /// Chooses the obstacles of the plan, which begins where the inputs under way end.
+    fn look_around(&mut self, tick: u64, knowledge: &Knowledge) {
+        let begin = tick + knowledge.delay().whole() as u64;
+        self.mpc.see_obstacles(self.seen.at(begin));
     }
 
     fn expect_errors(&mut self, knowledge: &mut Knowledge) {
@@ -211,6 +215,7 @@ impl Planner {
     fn aim_again(&mut self, knowledge: &mut Knowledge) {
         if let Some(Prepared { tick, .. }) = self.prepared {
             self.look_ahead(tick);
+            self.look_around(tick, knowledge);
             self.mpc.aim(planned(&self.points, knowledge), &knowledge.belief());
             self.expect_errors(knowledge);
         }

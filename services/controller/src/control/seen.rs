@@ -3,6 +3,9 @@
 use protocol::message::{OBSTACLES_MAX, ObstacleSource};
 use robot::Obstacle;
 
+/// Longest time for which an obstacle is taken to move on without a new list \[s\].
+const PREDICTED_MAX_S: f64 = 1.0;
+
 /// The newest list of each source. Does not allocate after set-up.
 #[derive(Debug)]
 pub(super) struct Seen {
@@ -38,6 +41,7 @@ impl Seen {
     pub(super) fn at(&self, tick: u64) -> impl Iterator<Item = Obstacle> {
         self.lists.iter().flat_map(move |(list, at)| {
             let seconds = tick.saturating_sub(*at) as f64 * self.period_s;
+            let seconds = seconds.min(PREDICTED_MAX_S);
             list.iter().map(move |obstacle| obstacle.after(seconds))
         })
     }

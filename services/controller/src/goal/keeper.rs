@@ -1,7 +1,7 @@
 //! Plans the way to a pose anew when an obstacle has come to stand in it, or holds the robot up.
 
 use super::clear::{Clear, Counted};
-use super::{Course, Demand, GoalRequest, Outlook};
+use super::{Course, Demand, GoalError, GoalRequest, Outlook};
 use model::Pose;
 use robot::{Robot, Surroundings};
 
@@ -18,6 +18,8 @@ struct Kept {
     way: Vec<Pose>,
     /// Number of reviews in a row at which an obstacle held the robot up.
     held_up: u32,
+    /// Whether the last attempt has failed: it is told once.
+    has_failed: bool,
 }
 
 /// Reviews the way to the present goal.
@@ -32,7 +34,13 @@ impl Keeper {
     /// The control thread follows the goal `id` by a course with this way.
     pub fn keep(&mut self, id: u64, request: &GoalRequest, way: Vec<Pose>) {
         let is_pose = matches!(request.goal, Demand::Pose { .. });
-        self.kept = is_pose.then(|| Kept { id, request: request.clone(), way, held_up: 0 });
+        self.kept = is_pose.then(|| Kept {
+            id,
+            request: request.clone(),
+            way,
+            held_up: 0,
+            has_failed: false,
+        });
     }
 
     /// The control thread follows another way to the same goal.
@@ -53,29 +61,38 @@ impl Keeper {
         is_due && self.kept.is_some()
     }
 
-    /// A new course, if the way needs one and there is one.
+    /// A new course, if the way needs one. The present one stays where there is no other.
+    ///
+    /// # Errors
+    /// [`GoalError`] if there is no other way, once until there is one.
     pub fn review(
         &mut self,
         outlook: &Outlook,
         robot: &Robot,
         map: &Surroundings,
         period_s: f64,
-    ) -> Option<Course> {
-        let kept = self.kept.as_mut()?;
+    ) -> Result<Option<Course>, GoalError> {
+        let Some(kept) = self.kept.as_mut() else { return Ok(None) };
         if outlook.goal != Some(kept.id) {
             self.kept = None; // reached, or another goal has come
-            return None;
+            return Ok(None);
         }
         kept.held_up = if outlook.held_up { kept.held_up + 1 } else { 0 };
         let waits = kept.held_up >= HELD_UP_REVIEWS;
         let clear = Clear::of(robot.footprint(), map, &outlook.obstacles, Counted::Standing);
         if !waits && clear.allows_poses(kept.rest(&outlook.pose)) {
-            return None;
+            return Ok(None);
         }
         // What holds the robot up is in the way, also if it moves.
         let counted = if waits { Counted::All } else { Counted::Standing };
         kept.held_up = 0;
-        Course::around(&kept.request, kept.id, outlook, robot, (map, counted), period_s).ok()
+        let course =
+            Course::around(&kept.request, kept.id, outlook, robot, (map, counted), period_s);
+        let was_told = std::mem::replace(&mut kept.has_failed, course.is_err());
+        match course {
+            Err(_) if was_told => Ok(None),
+            course => course.map(Some),
+        }
     }
 }
 
@@ -119,7 +136,8 @@ mod tests {
     }
 
     fn reviewed(keeper: &mut Keeper, outlook: &Outlook) -> Option<Course> {
-        keeper.review(outlook, &Robot::example(), &Surroundings::default(), PERIOD_S)
+        let map = Surroundings::default();
+        keeper.review(outlook, &Robot::example(), &map, PERIOD_S).unwrap_or_default()
     }
 
     #[test]
@@ -143,6 +161,19 @@ mod tests {
         let held_up = Outlook { held_up: true, ..outlook };
         let courses = [0; 3].map(|_| reviewed(&mut keeper, &held_up).is_some());
         assert_eq!(courses, [false, false, true]);
+        Ok(())
+    }
+
+    #[test]
+    fn a_goal_that_an_obstacle_covers_is_told_once_and_its_way_stays() -> Result<(), Box<dyn Error>>
+    {
+        let (mut keeper, _) = followed()?;
+        let covered = Obstacle::standing(Shape::hull(&[[4.0, 0.0]], 0.3)?);
+        let outlook = Outlook { goal: Some(7), obstacles: vec![covered], ..driving() };
+        let (robot, map) = (Robot::example(), Surroundings::default());
+        let told = [0; 3]
+            .map(|_| keeper.review(&outlook, &robot, &map, PERIOD_S).map(|way| way.is_some()));
+        assert!(matches!(told, [Err(_), Ok(false), Ok(false)]), "{told:?}");
         Ok(())
     }
 

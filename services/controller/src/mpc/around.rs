@@ -12,17 +12,20 @@
 //! obstacle:
 //!
 //! ```text
-//! n·Δp + (r × n) Δθ ≤ d_{k+1} − max(m, d_k − T c(d_k − m)) + s
-//! c τ + c²/2a = D, for the largest closing speed c(D)
+//! n·Δp + (r × n) Δθ ≤ d_{k+1} − b_{k+1} + s          b_0 = d_0
+//! b_{k+1} = max(m, b_k − T c(b_k − m))               outside the margin
+//! b_{k+1} = b_k + (1 − e^{−T/θ}) (m − b_k)           inside it, back to it with θ = 0.2 s
+//! c τ + c²/2a = D                                    for the largest closing speed c(D)
 //! ```
-//! The bound on the approach is a discrete barrier condition (Zeng, Zhang, Sreenath, American
-//! Control Conference 2021): from every stage the braking ramp still ends before the margin, as the
-//! gate requires it. It is a number of the present plan. At most [`ACTIVE_MAX`] obstacles count:
-//! those nearest to the robot that the plan can reach.
+//! b is the fastest approach from now on whose braking ramp still ends before the margin, as the
+//! gate requires it. It is a discrete barrier condition (Zeng, Zhang, Sreenath, American Control
+//! Conference 2021) along the horizon, and does not depend on the plan. At most [`ACTIVE_MAX`]
+//! obstacles count: those nearest to the robot that the plan can reach.
 
 use super::qp::Row;
 use model::State;
 use robot::{Footprint, Obstacle, Point, Robot, Shape, Surroundings};
+use std::f64::consts::SQRT_2;
 
 /// Most obstacles of one program.
 pub const ACTIVE_MAX: usize = 8;
@@ -32,6 +35,8 @@ const BEYOND_CLEARANCE_M: f64 = 0.03;
 const SCALE_M: f64 = 0.1;
 /// Distance by which an obstacle may be farther than the plan reaches \[m\].
 const SPARE_M: f64 = 0.3;
+/// θ: time in which a robot inside the margin returns to it \[s\].
+const RETURN_S: f64 = 0.2;
 /// A row whose bound is closer than this, in units of its bound, holds the plan.
 const HOLDS: f64 = 1e-3;
 
@@ -78,7 +83,8 @@ impl Around {
             brake_mps2: robot.limits.brake_mps2,
             wait_s: robot.response_time_s() + period_s,
             period_s,
-            speed_mps: robot.limits.input_mps,
+            // Both planar axes at once.
+            speed_mps: SQRT_2 * robot.limits.input_mps,
             standing: map.obstacles.iter().copied().map(Encircled::new).collect(),
             active: [(nothing, f64::INFINITY); ACTIVE_MAX],
             count: 0,
@@ -127,8 +133,8 @@ impl Around {
         self.separation(index, k, state).0
     }
 
-    /// Writes the row of an obstacle about `state`, the end of period `k`. The robot is
-    /// `before` \[m\] from it at the start of that period. Returns the distance at its end \[m\].
+    /// Writes the row of an obstacle about `state`, the end of period `k`. `before` is b at the
+    /// start of that period \[m\]. Returns b at its end \[m\].
     pub(super) fn write(
         &self,
         index: usize,
@@ -143,14 +149,23 @@ impl Around {
         }
         let (distance, [x, y], arm) = self.separation(index, k + 1, state);
         row.by_state = [x, y, arm[0] * y - arm[1] * x].map(|value| value / SCALE_M);
-        let slowest = before - self.period_s * self.closing_speed(before - self.margin_m);
-        row.bounds[0] = (distance - self.margin_m.max(slowest)) / SCALE_M;
-        distance
+        let least = self.approach(before);
+        row.bounds[0] = (distance - least) / SCALE_M;
+        least
     }
 
     /// Whether a row that has this `value` in the solution holds the plan.
     pub(super) fn holds(row: &Row, value: f64) -> bool {
         row.by_state != [0.0; 3] && value >= row.bounds[0] - HOLDS
+    }
+
+    /// b after one period.
+    fn approach(&self, before: f64) -> f64 {
+        let room = before - self.margin_m;
+        if room >= 0.0 {
+            return self.margin_m.max(before - self.period_s * self.closing_speed(room));
+        }
+        before - (1.0 - (-self.period_s / RETURN_S).exp()) * room
     }
 
     /// c(D) for D = `room` \[m\]; 0 without room \[m/s\].
@@ -189,6 +204,15 @@ mod tests {
     /// Drives along the x axis at 0.8 m/s for `ticks`, among `obstacles`. Returns the smallest
     /// distance of the footprint from them, and the last state.
     fn driven(obstacles: &[Obstacle], ticks: usize) -> Result<(f64, State), MpcError> {
+        driven_by(true, obstacles, ticks)
+    }
+
+    /// The same; `knows` whether the program has rows for them.
+    fn driven_by(
+        knows: bool,
+        obstacles: &[Obstacle],
+        ticks: usize,
+    ) -> Result<(f64, State), MpcError> {
         let robot = Robot::example();
         let main = MainModel::new(&robot, PERIOD_S);
         let belief = Belief {
@@ -200,7 +224,11 @@ mod tests {
         };
         let settings = MpcSettings { horizon_steps: 20, control_horizon_steps: 10, ..settings() };
         let map = Surroundings::default();
-        let mut mpc = Mpc::among_obstacles(&settings, &robot, &main, &map)?;
+        let mut mpc = if knows {
+            Mpc::among_obstacles(&settings, &robot, &main, &map)?
+        } else {
+            Mpc::new(&settings, &robot, &main)?
+        };
         let (mut state, mut input) = (State::default(), [0.0; 3]);
         let mut least = f64::INFINITY;
         mpc.begin_at(&state);
@@ -213,7 +241,7 @@ mod tests {
             let reference: Vec<ReferencePoint> = (0..=20).map(point).collect();
             let seconds = tick as f64 * PERIOD_S;
             let now: Vec<Obstacle> = obstacles.iter().map(|one| one.after(seconds)).collect();
-            mpc.see_obstacles(&state, now.iter().copied());
+            mpc.see_obstacles(now.iter().copied());
             mpc.prepare(&reference, &belief);
             assert!(mpc.iterate(&state, &input, &reference, &belief).outcome.usable(), "{tick}");
             input = mpc.stages()[0].input;
@@ -261,8 +289,9 @@ mod tests {
         let far: Vec<Obstacle> = (0..64)
             .map(|i| disc(200.0 + f64::from(i), 90.0, [0.1, 0.0]))
             .collect::<Result<_, _>>()?;
-        let ((_, with), (_, without)) = (driven(&far, 40)?, driven(&[], 40)?);
+        let ((_, with), (_, without)) = (driven(&far, 40)?, driven_by(false, &far, 40)?);
         assert_eq!(with, without);
+        assert_eq!(driven(&[], 40)?.1, without);
         Ok(())
     }
 

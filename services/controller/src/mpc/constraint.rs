@@ -339,7 +339,7 @@ impl Limits {
         let Outlook { stages, last_input, .. } = *outlook;
         let InputLimits { wheel: of_wheel, current, input: largest, change, .. } = &self.inputs;
         let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
-        let mut distances = self.distances(outlook);
+        let mut approaches = self.distances(outlook);
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
             let Some(stage) = stages.get(period) else { continue };
             let after = outlook.state(period + 1);
@@ -387,7 +387,8 @@ impl Limits {
                 }
                 Kind::Obstacle(index) => {
                     let Some(around) = &self.around else { continue };
-                    distances[index] = around.write(index, period, after, distances[index], row);
+                    let before = approaches[index];
+                    approaches[index] = around.write(index, period, after, before, row);
                     row.bounds[0] -= drawn_in(outlook, row, 1.0);
                     continue;
                 }

@@ -162,23 +162,45 @@ function drawGoal(pen, eye) {
   pen.fillText(`goal ${id} (${kind}): ${phase === "active" ? rest : phase}`, 12, 22);
 }
 
-// Draws each obstacle: the hull of its corners, grown by its radius, and where it will be in 1 s.
-function drawObstacles(pen, eye) {
+// The line around a shape of corners x, y, …, moved by [dx, dy]: as wide as the shape's radius.
+function outline(pen, eye, radius, corners, [dx, dy] = [0, 0]) {
   pen.lineJoin = pen.lineCap = "round";
+  pen.lineWidth = Math.max(2, 2 * radius * eye.scale);
+  pen.beginPath();
+  for (let i = 0; i < corners.length; i += 2) {
+    pen.lineTo(...eye.to([corners[i] + dx, corners[i + 1] + dy]));
+  }
+  pen.closePath();
+}
+
+// Draws the known obstacles, the zones and the border.
+function drawKnown(pen, eye) {
+  const { obstacles, zones, fence } = store.hello.about.map;
+  const kinds = [[zones, colours.reference, 0.25], [obstacles, colours.ink, 0.6]];
+  for (const [shapes, colour, alpha] of kinds) {
+    pen.globalAlpha = alpha;
+    pen.strokeStyle = pen.fillStyle = colour;
+    for (const [radius, ...corners] of shapes) {
+      outline(pen, eye, radius, corners);
+      pen.fill();
+      pen.stroke();
+    }
+  }
+  pen.globalAlpha = 1;
+  pen.strokeStyle = colours.bad;
+  for (const [, ...corners] of fence) {
+    outline(pen, eye, 0, corners);
+    pen.stroke();
+  }
+}
+
+// Draws each obstacle that is seen, and where it will be in 1 s.
+function drawObstacles(pen, eye) {
   for (const [vx, vy, radius, ...corners] of store.obstacles) {
-    const points = [];
-    for (let i = 0; i < corners.length; i += 2) points.push([corners[i], corners[i + 1]]);
-    const outline = (seconds) => {
-      pen.beginPath();
-      points.forEach(([x, y]) => pen.lineTo(...eye.to([x + vx * seconds, y + vy * seconds])));
-      pen.closePath();
-    };
     for (const seconds of vx || vy ? [1, 0] : [0]) {
       pen.globalAlpha = seconds ? 0.2 : 0.75;
       pen.strokeStyle = pen.fillStyle = colours.bad;
-      // A line around the corners is as wide as the disc, and at least visible.
-      pen.lineWidth = Math.max(2, 2 * radius * eye.scale);
-      outline(seconds);
+      outline(pen, eye, radius, corners, [vx * seconds, vy * seconds]);
       pen.fill();
       pen.stroke();
     }
@@ -207,6 +229,7 @@ function drawMap(canvas, view, still) {
     line(pen, beside(reference, offset).map(eye.to), colours.bad, 1.5);
   }
   line(pen, reference.map(eye.to), colours.reference, 9);
+  drawKnown(pen, eye);
   drawObstacles(pen, eye);
   if (store.goal) drawGoal(pen, eye);
   else drawWithout(pen, eye);

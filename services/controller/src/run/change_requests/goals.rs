@@ -107,7 +107,7 @@ impl GoalUnderWay {
         let period_s = settings.run.period_nanos as f64 * 1e-9;
         match &self.request {
             Some(request) => Course::new(request, self.id, outlook, robot, map, period_s).map(Some),
-            None => Ok(keeper.review(outlook, robot, map, period_s)),
+            None => keeper.review(outlook, robot, map, period_s),
         }
     }
 
