@@ -64,6 +64,8 @@ pub enum ControllerError {
 /// A robot before an obstacle is held up if its reference is farther ahead than this, and than it
 /// drives in this time \[m, s\].
 const HELD_UP: (f64, f64) = (0.25, 0.5);
+/// A reference that is slower stands \[m/s\].
+const STANDS_MPS: f64 = 0.01;
 /// Interval at which the present goal is told \[s\].
 const GOAL_EVERY_S: f64 = 0.1;
 
@@ -293,14 +295,15 @@ impl Controller {
         self.planner.mpc.is_held_by_obstacle()
     }
 
-    /// Whether the reference is far ahead of the robot, along its course. A robot that is beside its
-    /// reference passes the obstacle.
+    /// Whether the reference is far ahead of the robot, along its course; far away, if it stands. A
+    /// robot that is beside a reference that moves passes the obstacle.
     fn is_behind(&self, state: &PlantState) -> bool {
         let reference = self.planner.reference_at(state.stamp.tick);
         let (sin, cos) = reference.course.sin_cos();
         let [x, y] = [0, 1].map(|axis| reference.pose[axis] - state.pose[axis]);
         let speed = reference.velocity[0].hypot(reference.velocity[1]);
-        cos * x + sin * y > HELD_UP.0.max(HELD_UP.1 * speed)
+        let ahead = if speed > STANDS_MPS { cos * x + sin * y } else { x.hypot(y) };
+        ahead > HELD_UP.0.max(HELD_UP.1 * speed)
     }
 
     /// Time that the gate's ramp needs to a standstill \[periods\].

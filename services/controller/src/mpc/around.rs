@@ -5,7 +5,7 @@
 //! | `distance_m` | d                | from the footprint to the obstacle, at that stage    |
 //! | `normal`     | n                | unit vector along it, towards the obstacle           |
 //! | `arm`        | r                | from the robot's centre to its nearest point         |
-//! | `margin_m`   | m                | distance that the plan keeps                         |
+//! | `margin_of`  | m                | distance that the plan keeps; more if it moves       |
 //!
 //! A line between two convex shapes parts them, wherever they touch it. So a move of the pose by
 //! (Δp, Δθ) changes the distance by −n·Δp − (r × n) Δθ, to first order. One row per stage and
@@ -35,6 +35,8 @@ const BEYOND_CLEARANCE_M: f64 = 0.03;
 const SCALE_M: f64 = 0.1;
 /// Distance by which an obstacle may be farther than the plan reaches \[m\].
 const SPARE_M: f64 = 0.3;
+/// Time for which an obstacle may move otherwise than predicted: its margin grows by that way \[s\].
+const UNSURE_S: f64 = 0.3;
 /// θ: time in which a robot inside the margin returns to it \[s\].
 const RETURN_S: f64 = 0.2;
 /// A row whose bound is closer than this, in units of its bound, holds the plan.
@@ -58,6 +60,7 @@ impl Encircled {
 /// Obstacles around a plan. Does not allocate after set-up.
 pub(super) struct Around {
     footprint: Shape,
+    /// m of an obstacle that stands \[m\].
     margin_m: f64,
     /// a \[m/s²\].
     brake_mps2: f64,
@@ -149,7 +152,7 @@ impl Around {
         }
         let (distance, [x, y], arm) = self.separation(index, k + 1, state);
         row.by_state = [x, y, arm[0] * y - arm[1] * x].map(|value| value / SCALE_M);
-        let least = self.approach(before);
+        let least = self.approach(index, before);
         row.bounds[0] = (distance - least) / SCALE_M;
         least
     }
@@ -160,12 +163,20 @@ impl Around {
     }
 
     /// b after one period.
-    fn approach(&self, before: f64) -> f64 {
-        let room = before - self.margin_m;
+    fn approach(&self, index: usize, before: f64) -> f64 {
+        let margin_m = self.margin_of(index);
+        let room = before - margin_m;
         if room >= 0.0 {
-            return self.margin_m.max(before - self.period_s * self.closing_speed(room));
+            return margin_m.max(before - self.period_s * self.closing_speed(room));
         }
         before - (1.0 - (-self.period_s / RETURN_S).exp()) * room
+    }
+
+    /// m of an obstacle \[m\].
+    fn margin_of(&self, index: usize) -> f64 {
+        let (obstacle, _) = self.active[index.min(ACTIVE_MAX - 1)];
+        let [x, y] = obstacle.velocity_mps;
+        self.margin_m + UNSURE_S * x.hypot(y)
     }
 
     /// c(D) for D = `room` \[m\]; 0 without room \[m/s\].
