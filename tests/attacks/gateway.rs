@@ -10,7 +10,7 @@ use network::telemetry::{Publisher, TelemetrySettings, Watcher};
 use promises::{Outcome, wait_until};
 use protocol::VERSION;
 use protocol::message::{Message, PlantState};
-use protocol::topic::Topic;
+use protocol::topic::{TOPIC_COUNT, Topic};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -365,7 +365,7 @@ fn without_access_control_every_operation_at_a_gateway_takes_effect() -> Outcome
     let arrived = tried(&own, &mut || on_all_keys(&own), &tries, &all)?;
     let missing: Vec<&Cell> = all.difference(&arrived).collect();
     assert!(missing.is_empty(), "not seen: {missing:?}");
-    assert_eq!(all.len(), (5 + 6) * 18 * 9);
+    assert_eq!(all.len(), (5 + 6) * 18 * TOPIC_COUNT);
     Ok(())
 }
 

@@ -6,6 +6,7 @@ The rule is the section *Protective stop* of protocol/WIRE.md.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from .shape import Point, Pose, Shape, dot, turned
 from .wire import Vector
@@ -195,18 +196,15 @@ class Protection:
         for normal, corner in around.fence.outer_edges() if around.fence else ():
             farthest = max(dot(normal, point) for point in footprint.corners) + footprint.radius
             edge = Border(dot(normal, corner) - farthest, normal)
-            bound(GEOFENCE, lambda share, edge=edge: stopping.stops_before(edge, share))
+            bound(GEOFENCE, partial(stopping.stops_before, edge))
         for zone, limit in around.zones:
             edge = Border(*footprint.separation(zone))
-            bound(
-                SPEED_ZONE,
-                lambda share, edge=edge, limit=limit: stopping.slows_before(edge, limit, share),
-            )
+            bound(SPEED_ZONE, partial(stopping.slows_before, edge, limit))
         listed = [(obstacle, 0.0) for obstacle in around.obstacles]
         for obstacles, at, valid in self.lists.values():
             listed += [(obstacle, min(now - at, valid)) for obstacle in obstacles]
         for obstacle, age in listed:
             distance, normal = footprint.separation(obstacle.after(age))
             edge = Border(distance, normal, max(-dot(obstacle.velocity, normal), 0.0))
-            bound(PROTECTIVE_STOP, lambda share, edge=edge: stopping.stops_before(edge, share))
+            bound(PROTECTIVE_STOP, partial(stopping.stops_before, edge))
         return found
