@@ -23,7 +23,7 @@ from .gate import BAD_STATE, DISARMED, OPERATOR_STOP, STOPPED, STOPPING, ZERO, G
 from .messages import Command, Credit, Health, PlantState, Stamp
 from .wire import Refused, Wire
 
-TOPICS = 9
+TOPICS = 10
 """Number of topics: entries of each counter in Health."""
 
 EachPeriod = Callable[[float, Gate], None]
