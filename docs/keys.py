@@ -20,6 +20,7 @@ PAGE = ROOT / "docs/reference/settings.md"
 FILES = [
     ("Graph file", "services/graph/src/file.rs", "Graph", "deploy/graphs"),
     ("Robot file", "services/robot/src/robot.rs", "Robot", "deploy/robots"),
+    ("Map file", "services/robot/src/map.rs", "Map", "deploy/maps"),
     ("Scenario file", "services/graph/src/scenario.rs", "Scenario", "deploy/scenarios"),
     ("File of faults", "services/graph/src/faults.rs", "FaultsFile", "deploy/faults"),
 ]

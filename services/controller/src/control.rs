@@ -244,11 +244,10 @@ impl Controller {
         let by_obstacle = state.reason().is_slowed() || self.is_held_by_obstacle();
         self.held_up = by_obstacle && self.is_behind(state);
         if by_obstacle {
-            // Afterwards the robot approaches its reference again.
-            self.guard.follow_another_reference();
+            self.guard.approach_reference();
         }
         let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
-        self.planner.look_at_gate(waits, state.stamp.tick, braking, &mut self.knowledge);
+        self.planner.let_reference_wait(waits, state.stamp.tick, braking, &mut self.knowledge);
         let now = Measured { pose: state.pose, velocity: state.velocity };
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
@@ -486,7 +485,7 @@ impl Controller {
     /// or free.
     pub fn tune(&mut self, tuned: &mut Tuned, tick: u64) {
         if tuned.reference.is_some() {
-            self.guard.follow_another_reference();
+            self.guard.approach_reference();
         }
         tuned.since = Some((self.plant_epoch.unwrap_or(0), tick));
         self.planner.tune(tuned, &mut self.knowledge);
@@ -520,7 +519,7 @@ impl Controller {
         }
         self.holds_at_start = true;
         self.goal.follow(course);
-        self.guard.follow_another_reference();
+        self.guard.approach_reference();
         self.planner.follow(&mut course.reference, &mut self.knowledge);
         true
     }

@@ -3,6 +3,7 @@
 mod attendant;
 mod change_requests;
 mod lists;
+mod scenario_goals;
 #[cfg(test)]
 mod tests;
 
@@ -10,9 +11,6 @@ use crate::adopt::{Arrival, Event, Handover};
 use crate::complaints::{Complaints, Sentence};
 use crate::control::tuning::RULES;
 use crate::control::{Controller, ControllerError};
-use crate::goal::keeper::Keeper;
-use crate::goal::schedule::Schedule;
-use crate::goal::{Course, GoalError, GoalRequest, OUTLOOK_POINTS, Outlook};
 use crate::identified;
 use crate::settings::Settings;
 use attendant::attend;
@@ -25,7 +23,7 @@ use protocol::message::{
     Command, Goal, GoalPhase, Participant, Phase, Plan, PlantState, ResidualSample,
 };
 use protocol::topic::Topic;
-use robot::Surroundings;
+use scenario_goals::ScenarioGoals;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
@@ -165,10 +163,7 @@ struct Loop<'a> {
     /// Held from the rehearsal to the answer.
     seat: Seat,
     /// In lock step, the goals of the scenario.
-    schedule: Schedule,
-    /// In lock step, the way to the present goal.
-    keeper: Keeper,
-    map: Surroundings,
+    scenario_goals: ScenarioGoals<'a>,
 }
 
 impl<'a> Loop<'a> {
@@ -204,9 +199,7 @@ impl<'a> Loop<'a> {
             goal_told: None,
             rehearse_at: None,
             seat: Seat::new(),
-            schedule: Schedule::new(&settings.goals, settings.run.period_nanos as f64 * 1e-9),
-            keeper: Keeper::default(),
-            map: settings.surroundings(),
+            scenario_goals: ScenarioGoals::new(settings),
         })
     }
 
@@ -258,7 +251,6 @@ impl<'a> Loop<'a> {
         }
         let is_first = self.epoch.is_none();
         let epoch = self.claim_epoch(state)?;
-        self.look_around(plant_epoch, tick, stop)?;
         let mut sample = self.controller.observe(state, self.handover, epoch);
         let command = self.controller.answer(state, self.handover);
         let nanos = monotonic_nanos() - begin;
@@ -283,11 +275,15 @@ impl<'a> Loop<'a> {
         self.beside_control(plan)?;
         self.tell_goal(tick)?;
         self.count(plant_epoch, tick, nanos);
+        self.look_around(plant_epoch, tick, stop)?;
         match self.settings.run.pace {
             Pace::RealTime => self.take_newest(tick),
             Pace::LockStep => {
                 self.take_due(tick + 1, stop)?;
-                self.follow_schedule(tick + 1);
+                if let Err(told) = self.scenario_goals.follow(&mut self.controller, tick + 1) {
+                    tracing::warn!(tick, "{told}");
+                    self.pulse.health().set_last_error(&told.to_string());
+                }
             }
         }
         self.controller.prepare_next();
@@ -296,7 +292,7 @@ impl<'a> Loop<'a> {
         Ok(())
     }
 
-    /// Takes the lists of obstacles. In lock step it waits for the one of `tick`.
+    /// Takes the lists of obstacles for the next plan. In lock step it waits for the one of `tick`.
     fn look_around(&mut self, plant_epoch: u64, tick: u64, stop: &Stop) -> Result<(), RunError> {
         let waits = self.settings.sees_obstacles && self.settings.run.pace == Pace::LockStep;
         loop {
@@ -441,50 +437,6 @@ impl<'a> Loop<'a> {
             if let Err((course, _)) = self.handover.followed.push((course, from)) {
                 Box::leak(course);
             }
-        }
-    }
-
-    /// Lock step: follows the goal of the scenario that is due at `tick`, from `tick` on, or
-    /// reviews the way to the present one.
-    fn follow_schedule(&mut self, tick: u64) {
-        let period_s = self.settings.run.period_nanos as f64 * 1e-9;
-        let due = self.schedule.due(tick);
-        if due.is_none() && !self.keeper.is_due(tick, period_s) {
-            return;
-        }
-        let mut outlook = Outlook::with_room(OUTLOOK_POINTS);
-        if !self.controller.look_out(&mut outlook) {
-            return;
-        }
-        let (robot, map) = (&self.settings.robot, &self.map);
-        let Some((id, request)) = due else {
-            match self.keeper.review(&outlook, robot, map, period_s) {
-                Ok(Some(course)) => self.follow_course(course, None, tick),
-                Ok(None) => {}
-                Err(error) => self.tell_goal_error(tick, "the way is not planned anew", &error),
-            }
-            return;
-        };
-        match Course::new(&request, id, &outlook, robot, map, period_s) {
-            Ok(course) => self.follow_course(course, Some(&request), tick),
-            Err(error) => self.tell_goal_error(tick, "a goal of the scenario is refused", &error),
-        }
-    }
-
-    fn tell_goal_error(&mut self, tick: u64, what: &str, error: &GoalError) {
-        tracing::warn!(tick, "{what}: {error}");
-        self.pulse.health().set_last_error(&format!("{what}: {error}"));
-    }
-
-    /// Follows `course` from `tick` on: that of another goal, or another way to the present one.
-    fn follow_course(&mut self, mut course: Course, request: Option<&GoalRequest>, tick: u64) {
-        let (id, way) = (course.goal.id, std::mem::take(&mut course.way));
-        if !self.controller.follow(&mut course, tick) {
-            return;
-        }
-        match request {
-            Some(request) => self.keeper.keep(id, request, way),
-            None => self.keeper.take_way(way),
         }
     }
 

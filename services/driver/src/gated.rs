@@ -1,7 +1,7 @@
 //! One base behind its gate, period by period.
 
 use crate::{Base, BaseError, Sensors, Settings, TrueState};
-use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError, TooManyObstacles};
+use gate::{Acting, Bounds, Decision, Gate, Machine, Order, OrderError};
 use protocol::message::{
     Command, FallbackLevel, OBSTACLES_MAX, ObstacleSource, PlantState, Reason, Truth,
 };
@@ -101,21 +101,6 @@ impl<B: Base> GatedBase<B> {
         let verdict = self.gate.offer(command, now);
         self.decision = self.gate.decide(now);
         Ok(verdict)
-    }
-
-    /// Passes a list of obstacles to the gate: it arrived at `now`, and is valid for `valid_nanos`.
-    /// Without [`Settings::surroundings`] it has no effect.
-    ///
-    /// # Errors
-    /// [`TooManyObstacles`]; the list before it stays.
-    pub fn see_obstacles(
-        &mut self,
-        source: ObstacleSource,
-        obstacles: &[Obstacle],
-        now: u64,
-        valid_nanos: u64,
-    ) -> Result<(), TooManyObstacles> {
-        self.gate.see_obstacles(source, obstacles, now, valid_nanos)
     }
 
     /// Counts malformed messages.

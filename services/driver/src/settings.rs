@@ -124,13 +124,8 @@ impl<S> ProgramSettings<S> {
 /// [`Impossible`] names the key of the map that is wrong.
 pub fn surroundings(map: Option<&Map>) -> Result<Surroundings, Impossible> {
     let shapes = map.map(Map::surroundings).transpose();
-    shapes.map(Option::unwrap_or_default).map_err(|error| impossible(&error).under("map"))
-}
-
-/// A wrong key of a map, such as `obstacles.2`.
-fn impossible(error: &ImpossibleMap) -> Impossible {
-    let key = error.key.replace('[', ".").replace(']', "");
-    Impossible::new(key, error.expected.trim_start_matches("expected "))
+    let impossible = |error: ImpossibleMap| Impossible::new(error.key, error.expected).under("map");
+    shapes.map(Option::unwrap_or_default).map_err(impossible)
 }
 
 impl<S> HasRun for ProgramSettings<S> {
@@ -162,8 +157,8 @@ mod tests {
             (Map { zones: vec![zone], ..Map::default() }, "zones.0.speed_mps"),
             (Map { fence_m: vec![[0.0; 2]], ..Map::default() }, "fence_m"),
         ] {
-            let error = map.surroundings().err().map(|error| impossible(&error).key);
-            assert_eq!(error.as_deref(), Some(key));
+            let key = format!("map.{key}");
+            assert_eq!(surroundings(Some(&map)).err().map(|error| error.key), Some(key));
         }
     }
 }

@@ -6,7 +6,7 @@
 use crate::Bounds;
 use crate::protective::{Border, Braking, Stopping};
 use protocol::message::{OBSTACLES_MAX, ObstacleSource, Reason};
-use robot::{CORNERS_MAX, Obstacle, Point, Robot, Shape, Surroundings, Velocity};
+use robot::{CORNERS_MAX, Encircled, Obstacle, Point, Robot, Shape, Surroundings, Velocity};
 
 /// A list of obstacles that cannot be stored. The list before it stays, until it is too old.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -26,25 +26,6 @@ impl Slowed {
     /// An input that is not slowed.
     pub(crate) fn not(input: Velocity) -> Self {
         Self { input, reason: Reason::None }
-    }
-}
-
-/// An obstacle, and a circle around it: a cheap bound of its distance.
-#[derive(Debug, Clone, Copy)]
-struct Encircled {
-    obstacle: Obstacle,
-    centre: Point,
-    radius_m: f64,
-}
-
-impl Encircled {
-    fn new(obstacle: Obstacle) -> Self {
-        let (centre, radius_m) = obstacle.shape.circle();
-        Self { obstacle, centre, radius_m }
-    }
-
-    fn point() -> Self {
-        Self::new(Obstacle::standing(Shape::rectangle(0.0, 0.0)))
     }
 }
 
@@ -101,19 +82,20 @@ impl Protection {
                 edges += 1;
             }
         }
+        let nowhere = Obstacle::standing(Shape::rectangle(0.0, 0.0)).encircled();
         let list = || List {
-            obstacles: vec![Encircled::point(); OBSTACLES_MAX].into_boxed_slice(),
+            obstacles: vec![nowhere; OBSTACLES_MAX].into_boxed_slice(),
             count: 0,
             received: None,
         };
         Self {
             braking: Braking::new(robot, period_nanos),
             footprint: footprint.shape().grown(footprint.clearance_m),
-            standing: surroundings.obstacles.iter().copied().map(Encircled::new).collect(),
+            standing: surroundings.obstacles.iter().copied().map(Obstacle::encircled).collect(),
             zones: surroundings
                 .zones
                 .iter()
-                .map(|(shape, limit)| (Encircled::new(Obstacle::standing(*shape)), *limit))
+                .map(|(shape, limit)| (Obstacle::standing(*shape).encircled(), *limit))
                 .collect(),
             fence,
             edges,
@@ -156,7 +138,7 @@ impl Protection {
             ObstacleSource::Planner => planner,
         };
         for (slot, obstacle) in list.obstacles.iter_mut().zip(obstacles) {
-            *slot = Encircled::new(*obstacle);
+            *slot = obstacle.encircled();
         }
         (list.count, list.received) = (obstacles.len(), Some((now, valid_nanos)));
         Ok(())

@@ -8,16 +8,17 @@ use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::file::Graph;
 use crate::first_model;
 use crate::hosts::Host;
+use crate::map::{self, MapFile};
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
 use crate::scenario::Scenario;
 use bridge::settings::Remote;
 use controller::settings::LearnedSettings;
 use driver::ProgramSettings;
-use gateway::settings::{About, DrawnMap};
+use gateway::settings::About;
 use process::{PRIORITY, Pace, Run};
 use protocol::message::{Exposure, Participant};
-use robot::{Map, Point, Robot};
+use robot::{Map, Robot};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible, SettingsError, WriteError};
 use std::path::{Component, Path, PathBuf};
@@ -65,29 +66,6 @@ impl Check for RobotFile {
 
     fn replaced() -> &'static [(&'static str, &'static str)] {
         &[("geometry", "[wheels.mecanum] with radius_m, wheelbase_m and track_m")]
-    }
-}
-
-/// A map file.
-#[derive(Debug, Deserialize)]
-#[serde(transparent)]
-struct MapFile(Map);
-
-impl Check for MapFile {
-    fn check(&self) -> Result<(), Impossible> {
-        self.0.surroundings().map(drop).map_err(|error| Impossible::new(error.key, error.expected))
-    }
-}
-
-/// `map` for the page.
-fn drawn(map: &Map) -> DrawnMap {
-    let shape = |radius_m: f64, corners: &[Point]| {
-        std::iter::once(radius_m).chain(corners.iter().flatten().copied()).collect::<Vec<f64>>()
-    };
-    DrawnMap {
-        obstacles: map.obstacles.iter().map(|one| shape(one.radius_m, &one.corners_m)).collect(),
-        zones: map.zones.iter().map(|one| shape(one.radius_m, &one.corners_m)).collect(),
-        fence: if map.fence_m.is_empty() { vec![] } else { vec![shape(0.0, &map.fence_m)] },
     }
 }
 
@@ -384,7 +362,7 @@ impl Assembly {
             corridor_left_m: limits.corridor_left_m,
             corridor_right_m: limits.corridor_right_m,
             without_learning: self.without_learning.clone(),
-            map: self.map.as_ref().map(drawn).unwrap_or_default(),
+            map: self.map.as_ref().map(map::drawn).unwrap_or_default(),
         };
         let Graph { mut telemetry, rates, page, .. } = self.graph.clone();
         telemetry.credentials = self.certificates.as_ref().map(Certificates::credentials);

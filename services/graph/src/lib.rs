@@ -8,6 +8,7 @@
 //! | [`role`]         | the processes, and the order in which they start and stop         |
 //! | [`back_off`]     | when to restart a process that has ended                          |
 //! | [`scenario`]     | the scenario file                                                 |
+//! | `map`            | the map file                                                      |
 //! | `faults`         | the file of the faults to inject, with the feature `faults`       |
 //! | [`exposure`]     | addresses of a graph that other machines on the network can reach |
 //! | [`certificates`] | a directory of certificates → credentials of this host            |
@@ -23,6 +24,7 @@ pub mod faults;
 pub mod file;
 pub mod first_model;
 pub mod hosts;
+mod map;
 pub mod options;
 pub mod role;
 pub mod scenario;

@@ -20,7 +20,7 @@ mod tracking_limit;
 mod wheels;
 
 pub use map::{ImpossibleMap, MAP_MAX, Map, Outline, Surroundings, Zone};
-pub use obstacle::Obstacle;
+pub use obstacle::{Encircled, Obstacle};
 pub use robot::{Body, Drive, Footprint, Impossible, Limits, Response, Robot};
 pub use shape::{CORNERS_MAX, ImpossibleShape, Point, Separation, Shape};
 pub use tracking_limit::TrackingLimit;

@@ -89,11 +89,11 @@ impl Map {
             allowed.then_some(value).ok_or_else(|| impossible(key, "0 to 1000 m/s".into()))
         };
         let obstacles = self.obstacles.iter().enumerate().map(|(index, outline)| {
-            shape(format!("obstacles[{index}]"), &outline.corners_m, outline.radius_m)
+            shape(format!("obstacles.{index}"), &outline.corners_m, outline.radius_m)
                 .map(Obstacle::standing)
         });
         let zones = self.zones.iter().enumerate().map(|(index, zone)| {
-            let key = format!("zones[{index}]");
+            let key = format!("zones.{index}");
             let limit = speed(format!("{key}.speed_mps"), zone.speed_mps)?;
             Ok((shape(key, &zone.corners_m, zone.radius_m)?, limit))
         });
@@ -127,7 +127,7 @@ mod tests {
         let refused = |map: Map| map.surroundings().err().map(|error| error.key);
         let obstacles = vec![disc(0.2), disc(f64::NAN)];
         let bad = Map { obstacles, ..Map::default() };
-        assert_eq!(refused(bad).as_deref(), Some("obstacles[1]"));
+        assert_eq!(refused(bad).as_deref(), Some("obstacles.1"));
         let line = Map { fence_m: vec![[0.0; 2], [1.0, 0.0], [2.0, 0.0]], ..Map::default() };
         assert_eq!(refused(line).as_deref(), Some("fence_m"));
         let fast = Map { speed_without_obstacles_mps: -1.0, ..Map::default() };

@@ -54,11 +54,11 @@ impl Guard {
         self.choice.reset();
         self.currents.reset();
         self.foretold = [Foretold::default(); DELAY_MAX + 1];
-        self.follow_another_reference();
+        self.approach_reference();
     }
 
-    /// The robot follows another reference from now on.
-    pub(super) fn follow_another_reference(&mut self) {
+    /// The robot approaches its reference: after a start, a change of it, or an obstacle.
+    pub(super) fn approach_reference(&mut self) {
         self.tracking.reset();
         if let Some(judge) = &mut self.loop_judge {
             judge.reset();

@@ -173,10 +173,9 @@ impl Planner {
         self.clock = ReferenceClock::Holds(pose);
     }
 
-    /// Whether the robot was held before `tick`, by a gate that is shut or by an obstacle. Then the
-    /// reference brakes and waits, as the robot does, which needs `braking` periods to a
-    /// standstill.
-    pub(super) fn look_at_gate(
+    /// Lets the reference brake and wait if the robot was held before `tick`, by a gate that is shut
+    /// or by an obstacle. The robot needs `braking` periods to a standstill. Otherwise it runs.
+    pub(super) fn let_reference_wait(
         &mut self,
         waits: bool,
         tick: u64,

@@ -24,7 +24,7 @@
 
 use super::qp::Row;
 use model::State;
-use robot::{Footprint, Obstacle, Point, Robot, Shape, Surroundings};
+use robot::{Encircled, Footprint, Obstacle, Point, Robot, Shape, Surroundings};
 use std::f64::consts::SQRT_2;
 
 /// Most obstacles of one program.
@@ -41,21 +41,6 @@ const UNSURE_S: f64 = 0.3;
 const RETURN_S: f64 = 0.2;
 /// A row whose bound is closer than this, in units of its bound, holds the plan.
 const HOLDS: f64 = 1e-3;
-
-/// An obstacle in a circle: a cheap bound of its distance.
-#[derive(Debug, Clone, Copy)]
-struct Encircled {
-    obstacle: Obstacle,
-    centre: Point,
-    radius_m: f64,
-}
-
-impl Encircled {
-    fn new(obstacle: Obstacle) -> Self {
-        let (centre, radius_m) = obstacle.shape.circle();
-        Self { obstacle, centre, radius_m }
-    }
-}
 
 /// Obstacles around a plan. Does not allocate after set-up.
 pub(super) struct Around {
@@ -88,7 +73,7 @@ impl Around {
             period_s,
             // Both planar axes at once.
             speed_mps: SQRT_2 * robot.limits.input_mps,
-            standing: map.obstacles.iter().copied().map(Encircled::new).collect(),
+            standing: map.obstacles.iter().copied().map(Obstacle::encircled).collect(),
             active: [(nothing, f64::INFINITY); ACTIVE_MAX],
             count: 0,
         }
@@ -113,7 +98,7 @@ impl Around {
             (distance <= reach).then_some(distance)
         };
         let (mut active, mut count) = (self.active, 0);
-        for one in self.standing.iter().copied().chain(seen.map(Encircled::new)) {
+        for one in self.standing.iter().copied().chain(seen.map(Obstacle::encircled)) {
             let Some(distance) = near(&one) else { continue };
             let place = active[..count].partition_point(|(_, other)| *other <= distance);
             if place == ACTIVE_MAX {

@@ -95,7 +95,7 @@ impl ChangeRequests {
         let Some(request) = self.inbox.take() else {
             let period_s = self.settings.run.period_nanos as f64 * 1e-9;
             if self.real_time && self.keeper.is_due(taken_at_tick, period_s) {
-                self.under_way = Some(UnderWay::Goal(GoalUnderWay::review_at(taken_at_tick)));
+                self.under_way = Some(UnderWay::Goal(GoalUnderWay::review(taken_at_tick)));
             }
             return;
         };

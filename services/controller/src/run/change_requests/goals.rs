@@ -82,18 +82,21 @@ impl GoalUnderWay {
     }
 
     pub(super) fn of(request: GoalRequest, id: u64, origin: Origin, taken_at_tick: u64) -> Self {
-        Self { request: Some(request), id, ..Self::review(taken_at_tick, origin) }
+        Self { request: Some(request), id, origin, ..Self::review(taken_at_tick) }
     }
 
     /// A review of the way to the present goal.
-    pub(super) fn review_at(tick: u64) -> Self {
-        Self::review(tick, Origin::Review)
-    }
-
-    fn review(taken_at_tick: u64, origin: Origin) -> Self {
-        let (stage, since) = (Stage::New, Instant::now());
-        let (request, id, way) = (None, 0, Vec::new());
-        Self { request, id, origin, way, taken_at_tick, stage, attempts: 0, since }
+    pub(super) fn review(taken_at_tick: u64) -> Self {
+        Self {
+            request: None,
+            id: 0,
+            origin: Origin::Review,
+            way: Vec::new(),
+            taken_at_tick,
+            stage: Stage::New,
+            attempts: 0,
+            since: Instant::now(),
+        }
     }
 
     /// The course from `outlook` on; `None` if the present one stays.
@@ -150,11 +153,19 @@ impl GoalUnderWay {
                     drop(handover.course.push(Box::new(course)));
                     self.stage = Stage::Exchange;
                 }
-                // Any other goal waits for the plant as long as it takes.
-                None if self.origin == Origin::Operator && self.since.elapsed() > PATIENCE => {
-                    drop(handover.outlook_wanted.pop());
-                    return Err(Refusal::NoState { waited_s: PATIENCE.as_secs_f64() });
-                }
+                // A goal of before a restart, or of the scenario, waits for the plant as long as it
+                // takes.
+                None if self.since.elapsed() > PATIENCE => match self.origin {
+                    Origin::Operator => {
+                        drop(handover.outlook_wanted.pop());
+                        return Err(Refusal::NoState { waited_s: PATIENCE.as_secs_f64() });
+                    }
+                    Origin::Review => {
+                        drop(handover.outlook_wanted.pop());
+                        return Ok(Progress::Stays);
+                    }
+                    Origin::Earlier | Origin::Schedule => {}
+                },
                 None => {}
             },
             Stage::Exchange => {
