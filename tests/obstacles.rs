@@ -85,7 +85,11 @@ fn the_robot_reaches_its_goals_and_touches_nothing_on_one_host_and_on_two() -> O
     reached.dedup();
     assert_eq!(reached, [1_000_001, 1_000_002]);
     let two = runs_of("two-hosts", "robot")?;
-    assert_eq!(commands(&two), commands(&alone));
+    let (two, alone) = (commands(&two), commands(&alone));
+    assert_eq!(two.len(), alone.len());
+    for (tick, (two, alone)) in two.iter().zip(&alone).enumerate() {
+        assert_eq!(two, alone, "tick {tick}");
+    }
     Ok(())
 }
 

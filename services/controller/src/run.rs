@@ -292,19 +292,22 @@ impl<'a> Loop<'a> {
         Ok(())
     }
 
-    /// Takes the lists of obstacles for the next plan. In lock step it waits for the one of `tick`.
+    /// Takes the lists of obstacles for the next plan. In lock step these are the lists up to that of
+    /// `tick`, for which it waits; the next one may have arrived as well.
     fn look_around(&mut self, plant_epoch: u64, tick: u64, stop: &Stop) -> Result<(), RunError> {
-        let waits = self.settings.sees_obstacles && self.settings.run.pace == Pace::LockStep;
-        loop {
-            if let Some(error) = self.lists.take(&mut self.controller)? {
-                self.handover.note(Event::List { tick, error });
+        let in_step = self.settings.sees_obstacles && self.settings.run.pace == Pace::LockStep;
+        while !in_step || !self.lists.has(plant_epoch, tick) {
+            match self.lists.take(&mut self.controller)? {
+                Some(Ok(())) => {}
+                Some(Err(error)) => self.handover.note(Event::List { tick, error }),
+                None if in_step && !stop.requested() => {
+                    self.lists.wait(PATIENCE)?;
+                    self.report();
+                }
+                None => return Ok(()),
             }
-            if !waits || self.lists.has(plant_epoch, tick) || stop.requested() {
-                return Ok(());
-            }
-            self.lists.wait(PATIENCE)?;
-            self.report();
         }
+        Ok(())
     }
 
     /// A plant that repeats its last state waits for a lost answer, and gets the same bytes. A

@@ -20,20 +20,19 @@ impl Lists {
         Ok(Self { source: ports.source(since)?, read, newest: None })
     }
 
-    /// Gives all new lists to `controller`. Returns the error of the last one that is impossible.
+    /// Gives the next list to `controller`; `None` if there is none. A list that is impossible is
+    /// dropped, and its error returned.
     pub(super) fn take(
         &mut self,
         controller: &mut Controller,
-    ) -> Result<Option<ImpossibleList>, ReceiveError> {
-        let mut impossible = None;
-        while let Some(list) = self.source.next()? {
-            self.newest = self.newest.max(Some((list.plant_epoch, list.stamp.tick)));
-            match list::read(&list, &mut self.read) {
-                Ok(()) => controller.see_obstacles(list.source(), &self.read, list.stamp.tick),
-                Err(error) => impossible = Some(error),
-            }
+    ) -> Result<Option<Result<(), ImpossibleList>>, ReceiveError> {
+        let Some(list) = self.source.next()? else { return Ok(None) };
+        self.newest = self.newest.max(Some((list.plant_epoch, list.stamp.tick)));
+        let read = list::read(&list, &mut self.read);
+        if read.is_ok() {
+            controller.see_obstacles(list.source(), &self.read, list.stamp.tick);
         }
-        Ok(impossible)
+        Ok(Some(read))
     }
 
     /// Whether the list of this plant epoch and tick has arrived.
