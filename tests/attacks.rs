@@ -5,5 +5,7 @@
 mod gateway;
 #[path = "attacks/hosts.rs"]
 mod hosts;
+#[path = "attacks/requests.rs"]
+mod requests;
 #[path = "attacks/session.rs"]
 mod session;

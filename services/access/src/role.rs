@@ -11,7 +11,14 @@ pub enum Role {
     Driver,
     /// Reads telemetry from anywhere.
     Watcher,
+    /// A person who gives goals, and stops and arms the robot, from anywhere.
+    Operator,
+    /// A program that gives goals from anywhere.
+    Planner,
 }
+
+/// The roles that are not hosts.
+pub const CLIENTS: [Role; 4] = [Role::Driver, Role::Watcher, Role::Operator, Role::Planner];
 
 /// Behind the name of a host, in certificates.
 const HOST: &str = "-host";
@@ -22,6 +29,8 @@ impl Role {
         match name {
             "driver" => Some(Self::Driver),
             "watcher" => Some(Self::Watcher),
+            "operator" => Some(Self::Operator),
+            "planner" => Some(Self::Planner),
             _ => {
                 let host = name.strip_suffix(HOST).filter(|host| !host.is_empty())?;
                 Some(Self::Host(host.to_owned()))
@@ -47,6 +56,8 @@ impl fmt::Display for Role {
             Self::Host(host) => write!(f, "{host}{HOST}"),
             Self::Driver => f.write_str("driver"),
             Self::Watcher => f.write_str("watcher"),
+            Self::Operator => f.write_str("operator"),
+            Self::Planner => f.write_str("planner"),
         }
     }
 }
@@ -57,7 +68,7 @@ mod tests {
 
     #[test]
     fn a_role_is_found_by_its_name() {
-        for role in [Role::Host("control".to_owned()), Role::Driver, Role::Watcher] {
+        for role in CLIENTS.into_iter().chain([Role::Host("control".to_owned())]) {
             assert_eq!(Role::named(&role.to_string()), Some(role));
         }
         assert_eq!([Role::named("root"), Role::named("-host")], [None, None]);

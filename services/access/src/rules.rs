@@ -50,6 +50,40 @@ pub fn of_telemetry(robot: &str) -> Value {
     control(&Role::Watcher.subject(robot), &rules)
 }
 
+/// For the bridge of a host, where operators and planners of `robot` send requests: each role
+/// queries below its own key, and gets replies. Nothing else passes.
+pub fn of_requests(robot: &str) -> Value {
+    let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
+    for role in [Role::Operator, Role::Planner] {
+        let keys = [format!("coxswain-request/{robot}/{role}/*")];
+        for (kind, flow) in
+            [("query", "ingress"), ("reply", "egress"), ("declare_queryable", "egress")]
+        {
+            rules.push(json!({
+                "id": format!("{role} {kind}"),
+                "messages": [kind],
+                "flows": [flow],
+                "permission": "allow",
+                "key_exprs": keys,
+            }));
+        }
+        let ids = ["query", "reply", "declare_queryable"].map(|kind| format!("{role} {kind}"));
+        subjects.push(json!({
+            "id": role.to_string(),
+            "link_protocols": ["tls"],
+            "cert_common_names": [role.subject(robot)],
+        }));
+        policies.push(json!({ "rules": ids, "subjects": [role.to_string()] }));
+    }
+    json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    })
+}
+
 /// For a gateway without certificates: every peer may subscribe, and no message with data passes.
 pub fn of_open_telemetry() -> Value {
     json!({

@@ -19,6 +19,7 @@
 //! | `window`    | pieces that the other host has not acknowledged yet                         |
 //! | `incoming`  | link ▶ shared memory, one topic                                             |
 //! | `rate`      | the largest number of messages that is accepted per second                  |
+//! | `requests`  | requests of operators and planners ▶ files in the run directory             |
 //! | `hello`     | what two bridges tell each other about themselves                           |
 //!
 //! In real time the newest message wins and nothing waits for the network. In lock step nothing is
@@ -32,6 +33,7 @@ mod link;
 mod outgoing;
 mod piece;
 mod rate;
+mod requests;
 mod run;
 pub mod settings;
 mod window;

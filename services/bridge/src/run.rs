@@ -6,8 +6,10 @@ use crate::keys::{Keys, What};
 use crate::link::{Arrivals, Change, Link, LinkError, Occupant, self_test};
 use crate::outgoing::{Flow, Outgoing, Sent};
 use crate::rate::Rate;
+use crate::requests::Endpoint;
 use crate::settings::{Remote, Settings};
 use network::Breach;
+use network::requests::RequestError;
 use process::{Pulse, Repeated, Stop};
 use protocol::message::{
     Command, Credit, Goal, Health, ModelSnapshot, Obstacles, Participant, Phase, Plan, PlantState,
@@ -78,6 +80,9 @@ pub enum BridgeError {
         /// The reason.
         source: SendError,
     },
+    /// Operators and planners cannot send requests.
+    #[error(transparent)]
+    Requests(#[from] RequestError),
     /// A thread ended, or did not begin.
     #[error("a thread {0}")]
     Thread(&'static str),
@@ -128,6 +133,7 @@ fn carry<'scope, 'env>(
             }));
         }
     }
+    let requests = Endpoint::open(scope, settings, ended)?;
     pulse.phase(Phase::Ready);
     let mut report = Report::default();
     while !stop.requested() {
@@ -135,7 +141,8 @@ fn carry<'scope, 'env>(
         for connection in &mut *connections {
             connection.look(now)?;
         }
-        report.show(connections, &mut pulse, now);
+        let rejected = requests.as_ref().map_or(0, Endpoint::rejected);
+        report.show(connections, rejected, &mut pulse, now);
         pulse.beat();
         if let Some(index) = threads.iter().position(ScopedJoinHandle::is_finished) {
             return join(threads.swap_remove(index));
@@ -428,7 +435,13 @@ struct Refusal {
 }
 
 impl Report {
-    fn show(&mut self, connections: &[Connection<'_>], pulse: &mut Pulse, now: Instant) {
+    fn show(
+        &mut self,
+        connections: &[Connection<'_>],
+        rejected: u64,
+        pulse: &mut Pulse,
+        now: Instant,
+    ) {
         let health = pulse.health();
         let (mut sent, mut received) = ([0; TOPIC_COUNT], [0; TOPIC_COUNT]);
         let (mut refused, mut dropped) = ([0; TOPIC_COUNT], [0; TOPIC_COUNT]);
@@ -447,13 +460,14 @@ impl Report {
                     (&from.of_another_host, "in the name of a process of another host"),
                 ] {
                     refused[index] += count(counter);
-                    self.note(remote, Some(topic), reason, count(counter));
+                    self.note(Some(remote), Some(topic), reason, count(counter));
                 }
             }
             let not_permitted = count(&shared.arrivals.not_permitted);
-            self.note(remote, None, "a topic that this host does not publish", not_permitted);
-            self.note(remote, None, "a peer with another certificate", *sent_away);
+            self.note(Some(remote), None, "a topic that this host does not publish", not_permitted);
+            self.note(Some(remote), None, "a peer with another certificate", *sent_away);
         }
+        self.note(None, None, "a request of an operator or planner", rejected);
         health.sent = sent;
         health.received = received;
         health.refused = refused;
@@ -469,11 +483,18 @@ impl Report {
         self.refusals.due(now).iter().for_each(tell);
     }
 
-    fn note(&mut self, remote: &Remote, topic: Option<Topic>, reason: &'static str, total: u64) {
+    fn note(
+        &mut self,
+        remote: Option<&Remote>,
+        topic: Option<Topic>,
+        reason: &'static str,
+        total: u64,
+    ) {
         if total == 0 {
             return;
         }
-        let refusal = Refusal { host: remote.host.clone(), topic, reason };
+        let host = remote.map_or_else(|| "-".to_owned(), |remote| remote.host.clone());
+        let refusal = Refusal { host, topic, reason };
         let before = self.counted.insert(refusal.clone(), total).unwrap_or(0);
         if total > before {
             self.refusals.note(refusal, total - before);

@@ -22,6 +22,10 @@ pub struct Settings {
     pub processes: Vec<Participant>,
     /// The other hosts with which this host exchanges messages.
     pub remotes: Vec<Remote>,
+    /// Endpoint for requests of operators and planners, such as `tcp/0.0.0.0:7451`; needs a
+    /// certificate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub requests: Option<String>,
     /// The certificate of this host. Without it nothing is encrypted, and every peer is trusted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub credentials: Option<Credentials>,
@@ -112,6 +116,9 @@ impl Check for Settings {
             if !is_graph_name(name) {
                 return Err(Impossible::new(key, "1 to 32 characters out of a-z, 0-9, _ and -"));
             }
+        }
+        if self.requests.is_some() && self.credentials.is_none() {
+            return Err(Impossible::new("credentials", "a certificate, for the requests"));
         }
         Ok(())
     }

@@ -11,7 +11,7 @@
 //! ```
 //! A directory is created atomically, and no file is ever overwritten.
 
-use access::{AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, Role, changeable, valid_until};
+use access::{AUTHORITY_FILE, CERTIFICATE_FILE, CLIENTS, KEY_FILE, Role, changeable, valid_until};
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose, date_time_ymd,
@@ -126,7 +126,7 @@ impl IssueError {
     }
 }
 
-/// Creates one certificate per host, and one for drivers and for watchers, in the new directory
+/// Creates one certificate per host, and one per other role, in the new directory
 /// `out`. The authority in the directory
 /// `authority` signs them; it is created if it does not exist.
 ///
@@ -154,7 +154,7 @@ pub fn issue(authority: &Path, out: &Path, order: &Order) -> Result<Made, IssueE
     let mut certificates = Vec::new();
     whole(out, |half| {
         let hosts = order.hosts.keys().map(|host| Role::Host(host.clone()));
-        for role in hosts.chain([Role::Driver, Role::Watcher]) {
+        for role in hosts.chain(CLIENTS) {
             let addresses = addresses_of(&role, order);
             let (signed, key) = sign(&issuer, &role, &addresses, order)?;
             let folder = half.join(role.to_string());
@@ -357,7 +357,7 @@ mod tests {
         let (authority, out) = (folder.path().join("a"), folder.path().join("deep/out"));
         assert!(issue(&authority, &out, &order())?.new_authority);
         let host = |name: &str| Role::Host(name.to_owned());
-        for role in [host("robot"), host("control"), Role::Driver, Role::Watcher] {
+        for role in CLIENTS.into_iter().chain([host("robot"), host("control")]) {
             let credentials = Credentials::in_folder(out.join(role.to_string()));
             let certificate = credentials.check(&role, 1_500)?;
             assert_eq!(

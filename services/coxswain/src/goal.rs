@@ -5,7 +5,7 @@
 //! is, until it stands at its goal.
 
 use crate::joined::{JoinError, Joined};
-use crate::set::{SetError, set};
+use crate::set::{Recipient, SetError};
 use clap::Args;
 use controller::goal::{Demand, GoalRequest};
 use motion::limits::Stated;
@@ -26,12 +26,12 @@ pub struct GoalOptions {
     /// Largest speed on the way \[m/s\]; by default, and at most, 70 % of that of the robot file.
     #[arg(long, value_name = "M/S")]
     pub speed: Option<f64>,
-    /// Return when the controller has accepted the goal, not when the robot stands there.
+    /// Return when the controller has accepted the goal, not when the robot stands there. With --at
+    /// it always does.
     #[arg(long)]
     pub no_wait: bool,
-    /// The run directory; by default that of the launch that runs on this machine.
-    #[arg(long, value_name = "DIR")]
-    pub run: Option<PathBuf>,
+    #[command(flatten)]
+    to: Recipient,
 }
 
 /// A pose to go to.
@@ -163,16 +163,28 @@ pub fn follow(options: &FollowOptions, base: &Path) -> Result<(), GoalError> {
 /// Gives the goal to the controller, and waits until the robot stands there.
 fn give(goal: Demand, options: &GoalOptions, base: &Path) -> Result<(), GoalError> {
     let limits = Stated { speed_mps: options.speed, ..Stated::default() };
-    let joined = Joined::new(options.run.as_deref(), base)?;
-    let (goals, states) = (joined.watcher()?, joined.watcher()?);
     let request = GoalRequest { goal, limits };
-    let settled = set(Some(&joined.folder), base, Participant::Controller, &request.text())?;
+    // Another machine's goal is followed with `coxswain watch`.
+    if options.to.at.is_some() {
+        send(&request, &options.to, base)?;
+        return Ok(());
+    }
+    let joined = Joined::new(options.to.run.as_deref(), base)?;
+    let (goals, states) = (joined.watcher()?, joined.watcher()?);
+    let to = Recipient { run: Some(joined.folder.clone()), ..options.to.clone() };
+    let id = send(&request, &to, base)?;
+    if options.no_wait { Ok(()) } else { Wait { joined, goals, states }.until_reached(id) }
+}
+
+/// Sends a goal, and prints that it was accepted. Returns its number.
+fn send(request: &GoalRequest, to: &Recipient, base: &Path) -> Result<u64, SetError> {
+    let settled = to.send(base, Participant::Controller, &request.text())?;
     let id = settled.number;
     if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome {
         let kind = request.goal.kind();
         terminal::print(format_args!("goal {id} ({kind}): accepted at tick {acts_from_tick}"));
     }
-    if options.no_wait { Ok(()) } else { Wait { joined, goals, states }.until_reached(id) }
+    Ok(id)
 }
 
 /// Watches the goals of a launch.

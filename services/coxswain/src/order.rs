@@ -3,19 +3,18 @@
 //! The order takes the same way as a change of settings ([`crate::set`]): a file in the run
 //! directory, to which the plant replies beside it.
 
-use crate::set::{SetError, set};
+use crate::set::{Recipient, SetError};
 use clap::Args;
 use gate::Order;
 use process::requests::Outcome;
 use protocol::message::{GateState, Participant};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// The run.
+/// Whom to order.
 #[derive(Debug, Clone, Args)]
 pub struct OrderOptions {
-    /// The run directory; by default that of the launch that runs on this machine.
-    #[arg(long, value_name = "DIR")]
-    pub run: Option<PathBuf>,
+    #[command(flatten)]
+    to: Recipient,
 }
 
 /// Gives `order` to the plant of the launch that `options` name, with the graphs of this machine in
@@ -24,7 +23,7 @@ pub struct OrderOptions {
 /// # Errors
 /// [`SetError`]; the state of the gate is then unchanged.
 pub fn run(order: Order, options: &OrderOptions, base: &Path) -> Result<(), SetError> {
-    let settled = set(options.run.as_deref(), base, Participant::Plant, order.name())?;
+    let settled = options.to.send(base, Participant::Plant, order.name())?;
     if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome {
         let state = if order == Order::Stop { GateState::Stopped } else { GateState::Armed };
         terminal::print(format_args!(

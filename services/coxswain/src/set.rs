@@ -3,12 +3,17 @@
 //! The command line names the changes. The request goes to the process with these settings. Only
 //! that process decides whether the change is possible, and replies ([`process::requests`]).
 
+use access::Credentials;
 use clap::Args;
-use process::requests::{AskError, Outcome, Request, Settled, ask};
+use graph::hosts::is_address;
+use network::requests::{ROLES, RequestError, Requester};
+use network::threads;
+use process::requests::{AskError, Outcome, Request, Settlement, ask};
 use protocol::message::Participant;
 use runs::registry::{self, GraphEntry};
 use settings::change::{Change, ChangeError};
 use std::env;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use supervisor::fleet::settings_file;
@@ -82,6 +87,20 @@ pub enum SetError {
     /// The launch ended before a reply.
     #[error("the launch has ended, and nothing was changed")]
     Ended,
+    /// The command cannot restart with the setting of zenoh's threads.
+    #[error("the command cannot restart with another environment: {0}")]
+    Restart(#[source] io::Error),
+    /// The bridge of another machine did not deliver it.
+    #[error(transparent)]
+    Network(#[from] RequestError),
+    /// The reply from another machine is none.
+    #[error("the reply of {at} cannot be read: {source}")]
+    Reply {
+        /// Its address.
+        at: String,
+        /// The cause.
+        source: serde_json::Error,
+    },
     /// The process sent no reply in time.
     #[error(
         "the {role} has not replied for {PATIENCE:?}; it processes the request when it is back"
@@ -100,6 +119,9 @@ impl SetError {
             | Self::Elsewhere { .. }
             | Self::Ask(_)
             | Self::Ended
+            | Self::Reply { .. }
+            | Self::Restart(_)
+            | Self::Network(RequestError::Connect { .. } | RequestError::NoReply { .. })
             | Self::NoAnswer { .. } => 1,
             _ => 2,
         }
@@ -123,8 +145,72 @@ pub fn run(options: &SetOptions, base: &Path) -> Result<(), SetError> {
     Ok(())
 }
 
-/// Requests the change `lines` from the process of `role`, and waits for the reply. Returns the
-/// request with its reply.
+/// Where orders and goals go: to a launch on this machine, or to the bridge of another one.
+#[derive(Debug, Clone, Args)]
+pub struct Recipient {
+    /// The run directory; by default that of the launch that runs on this machine.
+    #[arg(long, value_name = "DIR")]
+    pub run: Option<PathBuf>,
+    /// Host and port where another machine accepts requests (`[requests]` of its graph file).
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        conflicts_with = "run",
+        requires = "certificates",
+        value_parser = address
+    )]
+    pub at: Option<String>,
+    /// Folder of certificates with that of an operator or of a planner.
+    #[arg(long, value_name = "DIR", requires = "at")]
+    pub certificates: Option<PathBuf>,
+}
+
+impl Recipient {
+    /// Sends the request `lines` to the process of `role`, and waits for the reply. The graphs of
+    /// this machine are in `base`.
+    ///
+    /// # Errors
+    /// [`SetError`]; nothing was changed then, unless no reply arrived.
+    pub fn send(
+        &self,
+        base: &Path,
+        role: Participant,
+        lines: &str,
+    ) -> Result<Settlement, SetError> {
+        let (Some(at), Some(folder)) = (&self.at, &self.certificates) else {
+            return set(self.run.as_deref(), base, role, lines);
+        };
+        threads::set().map_err(SetError::Restart)?;
+        let requester = Requester::open(&format!("tls/{at}"), &credentials_in(folder))?;
+        let reply = requester.ask(role, lines)?;
+        let settled = serde_json::from_slice(&reply)
+            .map_err(|source| SetError::Reply { at: at.clone(), source })?;
+        accepted(settled, role)
+    }
+}
+
+/// The credentials in a folder of certificates: those of the operator, else of the planner. A
+/// folder without either counts as that of one role.
+fn credentials_in(folder: &Path) -> Credentials {
+    let of_role = ROLES.map(|role| folder.join(role.to_string()));
+    let found = of_role.into_iter().find(|folder| folder.is_dir());
+    Credentials::in_folder(found.unwrap_or_else(|| folder.to_owned()))
+}
+
+fn address(text: &str) -> Result<String, String> {
+    let expected = || "expected a host and a port, as in 10.0.0.1:7451".to_owned();
+    is_address(text).then(|| text.to_owned()).ok_or_else(expected)
+}
+
+/// What `settled` says, if the request was applied.
+fn accepted(settled: Settlement, role: Participant) -> Result<Settlement, SetError> {
+    match &settled.answer.outcome {
+        Outcome::Applied { .. } => Ok(settled),
+        Outcome::Refused { reason } => Err(SetError::Refused { role, reason: reason.clone() }),
+    }
+}
+
+/// Requests the change `lines` from the process of `role`, and waits for the reply.
 ///
 /// # Errors
 /// [`SetError`]; no part of the change is in use then.
@@ -133,7 +219,7 @@ pub fn set(
     base: &Path,
     role: Participant,
     lines: &str,
-) -> Result<Settled, SetError> {
+) -> Result<Settlement, SetError> {
     let (entry, folder) = launch(run, base)?;
     if !settings_file(&folder, role).exists() {
         return Err(SetError::Elsewhere { role });
@@ -146,10 +232,7 @@ pub fn set(
     let Some(settled) = asked.wait(PATIENCE, || entry.is_living()) else {
         return Err(if entry.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
     };
-    match &settled.answer.outcome {
-        Outcome::Applied { .. } => Ok(settled),
-        Outcome::Refused { reason } => Err(SetError::Refused { role, reason: reason.clone() }),
-    }
+    accepted(settled.into(), role)
 }
 
 /// The arguments of the command line as lines of TOML, and the process with these keys.

@@ -7,7 +7,7 @@ use crate::exposure::{Exposed, exposed};
 use crate::faults::{FaultsFile, LockStepFaultsFile};
 use crate::file::Graph;
 use crate::first_model;
-use crate::hosts::Host;
+use crate::hosts::{Host, ONLY_HOST};
 use crate::map::{self, MapFile};
 use crate::options::Options;
 use crate::role::{START_ORDER, program};
@@ -98,6 +98,7 @@ impl Assembly {
             let path = from(&options.graph, &driver.program);
             driver.program = std::path::absolute(&path).unwrap_or(path);
         }
+        graph.processes.bridge.enabled |= host.is_none() && !graph.requests.is_empty();
         let is_simulated = graph.processes.plant.enabled && graph.driver.is_none();
         if is_simulated && scenario.truth.is_none() && scenario.world.is_none() {
             return Err(SettingsError::Value {
@@ -373,14 +374,17 @@ impl Assembly {
     pub fn bridge(&self, mut run: Run) -> bridge::settings::Settings {
         // Its threads give way to those of plant and controller.
         run.scheduling.real_time_priority.get_or_insert(PRIORITY - 1);
-        let host = self.host.clone().unwrap_or_default();
-        let processes = self.graph.hosts.get(&host).map(Host::participants).unwrap_or_default();
+        let host = self.host.clone().unwrap_or_else(|| ONLY_HOST.to_owned());
+        let of_host = self.graph.hosts.get(&host).map(Host::participants);
+        let processes = of_host.unwrap_or_else(|| self.roles().collect());
+        let requests = self.graph.requests.get(&host).map(|address| format!("tls/{address}"));
         bridge::settings::Settings {
             run,
             graph: self.graph.name.clone(),
             host,
             processes,
             remotes: self.remotes(),
+            requests,
             credentials: self.certificates.as_ref().map(Certificates::credentials),
         }
     }
@@ -400,8 +404,9 @@ impl Assembly {
 /// The first endpoint that requires certificates, and its key in the graph file.
 fn over_tls(graph: &Graph) -> Option<(&'static str, &String)> {
     let endpoints = &graph.telemetry.listen;
-    let over_tls = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"))?;
-    Some(("telemetry.listen", over_tls))
+    let over_tls = endpoints.iter().find(|endpoint| endpoint.starts_with("tls/"));
+    let watched = over_tls.map(|endpoint| ("telemetry.listen", endpoint));
+    watched.or_else(|| Some(("requests", graph.requests.values().next()?)))
 }
 
 /// The host that `options` name. Of the graph then only its processes are left, with the addresses

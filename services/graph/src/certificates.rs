@@ -1,15 +1,13 @@
 //! A directory of certificates → credentials of this host, checked before any process starts.
 
 use crate::file::Graph;
+use crate::hosts::ONLY_HOST;
 use access::{AccessError, Certificate, Credentials, Role, host_in, is_any};
 use bridge::settings::Meeting;
 use runs::utc::{unix_s, utc_of_unix_s};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-
-/// Name of the host of a graph that has no hosts.
-const ONLY_HOST: &str = "robot";
 
 /// Place of the certificates: the table `[certificates]` of a graph file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,6 +65,9 @@ impl Certificates {
             if let Meeting::Listen(endpoint) = &remote.meeting {
                 covers(&certificate, "connections.listen", endpoint)?;
             }
+        }
+        if let Some(address) = graph.requests.get(name) {
+            covers(&certificate, "requests", &format!("tls/{address}"))?;
         }
         if graph.processes.gateway.enabled {
             for endpoint in &graph.telemetry.listen {

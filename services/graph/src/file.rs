@@ -2,7 +2,7 @@
 
 use crate::back_off::RestartPolicy;
 use crate::certificates::CertificatesTable;
-use crate::hosts::{Connection, Deployment, Host};
+use crate::hosts::{Connection, Deployment, Host, ONLY_HOST, is_address};
 use crate::role::START_ORDER;
 use driver::LINK_DELAY_MILLIS_MAX;
 use driver::piped::Program;
@@ -42,6 +42,10 @@ pub struct Graph {
     /// Where two hosts meet.
     #[serde(default)]
     pub connections: Vec<Connection>,
+    /// Where operators and planners on other machines reach a host: host and port by the name of
+    /// the host, which is `robot` in a graph without hosts. Needs certificates.
+    #[serde(default)]
+    pub requests: BTreeMap<String, String>,
     /// Settings of the network between the hosts.
     #[serde(default)]
     pub network: Network,
@@ -123,7 +127,7 @@ pub struct Processes {
     /// Publishes telemetry for watchers. The only process that is not started unless the graph
     /// enables it.
     pub gateway: Treatment,
-    /// Carries messages between hosts; started where the graph has hosts.
+    /// Carries messages between hosts; started where the graph has hosts or accepts requests.
     pub bridge: Treatment,
 }
 
@@ -233,17 +237,50 @@ impl Graph {
             let by_list = matches!(role, Participant::Gateway | Participant::Bridge);
             treatment.enabled = listed.contains(&role) && (treatment.enabled || by_list);
         }
+        self.requests.retain(|name, _| name == host);
+    }
+
+    /// Each address for requests is that of a host with a process to request something of.
+    fn check_requests(&self) -> Result<(), Impossible> {
+        for (name, address) in &self.requests {
+            let listens = if self.hosts.is_empty() {
+                name == ONLY_HOST
+            } else {
+                self.hosts.get(name).is_some_and(|host| {
+                    [Participant::Plant, Participant::Controller]
+                        .iter()
+                        .any(|role| host.processes.contains(role))
+                })
+            };
+            if !listens {
+                let expected = if self.hosts.is_empty() {
+                    format!("the key {ONLY_HOST}: the graph has no hosts")
+                } else {
+                    "the name of a host with plant or controller".to_owned()
+                };
+                return Err(Impossible::new(name.clone(), expected));
+            }
+            if !is_address(address) {
+                return Err(Impossible::new(
+                    name.clone(),
+                    "a host and a port such as 10.0.0.1:7451",
+                ));
+            }
+        }
+        Ok(())
     }
 }
 
 impl Check for Graph {
     fn check(&self) -> Result<(), Impossible> {
         self.deployment().check()?;
-        if !self.hosts.is_empty() && !is_graph_name(&self.name) {
+        let has_bridge = !self.hosts.is_empty() || !self.requests.is_empty();
+        if has_bridge && !is_graph_name(&self.name) {
             let expected = "1 to 32 characters out of a-z, 0-9, _ and -: it is a part of all keys";
             return Err(Impossible::new("name", expected));
         }
         self.network.check().map_err(|impossible| impossible.under("network"))?;
+        self.check_requests().map_err(|impossible| impossible.under("requests"))?;
         for role in START_ORDER {
             let treatment = self.processes.of(role);
             let key = |key: &str| format!("processes.{}.{key}", role.text());

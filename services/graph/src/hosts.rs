@@ -9,6 +9,9 @@ use settings::Impossible;
 use std::collections::BTreeMap;
 use transport::is_graph_name;
 
+/// Name of the host of a graph that has no hosts.
+pub const ONLY_HOST: &str = "robot";
+
 /// One host: the table `[hosts.NAME]`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]

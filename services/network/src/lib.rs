@@ -6,8 +6,10 @@
 //! | `tls`         | [`guarded`]: a configuration of zenoh over TLS, with certificates |
 //! | `strangers`   | [`Breach`]: tests whether peers without a certificate are refused |
 //! | [`telemetry`] | what anyone may watch                                             |
+//! | [`requests`]  | what operators and planners request of a host                     |
 
 mod reason;
+pub mod requests;
 mod strangers;
 pub mod telemetry;
 pub mod threads;

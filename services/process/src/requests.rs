@@ -82,6 +82,16 @@ pub struct Answer {
     pub outcome: Outcome,
 }
 
+/// What the sender of a request learns.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Settlement {
+    /// Number of the request, from 1, for each process apart.
+    pub number: u64,
+    /// The reply.
+    #[serde(flatten)]
+    pub answer: Answer,
+}
+
 /// A request with its answer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settled {
@@ -95,6 +105,12 @@ pub struct Settled {
     /// The reply.
     #[serde(flatten)]
     pub answer: Answer,
+}
+
+impl From<Settled> for Settlement {
+    fn from(Settled { number, answer, .. }: Settled) -> Self {
+        Self { number, answer }
+    }
 }
 
 impl Settled {
@@ -147,7 +163,7 @@ impl Display for Settled {
 impl Request {
     /// Whether it is a goal.
     pub fn is_goal(&self) -> bool {
-        self.change.starts_with(GOAL_MARK)
+        is_goal(&self.change)
     }
 
     /// Reads a request, and the owner of its file.
@@ -161,6 +177,11 @@ impl Request {
         }
         Ok((serde_json::from_slice(&fs::read(file)?).map_err(io::Error::other)?, about.uid()))
     }
+}
+
+/// Whether the `change` of a request is a goal.
+pub fn is_goal(change: &str) -> bool {
+    change.starts_with(GOAL_MARK)
 }
 
 /// Creates the directory of the requests for the processes of the run in `folder`.

@@ -64,6 +64,7 @@ impl Host {
         run.scheduling.real_time_priority = Some(0);
         Ok(Self {
             settings: Settings {
+                requests: None,
                 run,
                 graph: GRAPH.to_owned(),
                 host: name.to_owned(),

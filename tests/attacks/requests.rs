@@ -1,0 +1,209 @@
+//! Requests from other machines: operators stop the robot and give goals, planners give goals, and
+//! nobody else does anything.
+
+use crate::session::{Certificates, Failure, ROBOT, Shows, connect, host, print, strangers};
+use access::Role;
+use controller::goal::{Demand, GoalRequest};
+use graph::assembly::Assembly;
+use graph::options::Options;
+use motion::limits::Stated;
+use network::requests::{RequestError, Requester};
+use promises::oracle::{Limits, acquit};
+use promises::{
+    Launched, Outcome, Record, binaries, graph_with, launch_command, signal, wait_until,
+};
+use protocol::message::Participant;
+use rustix::process::Signal;
+use std::fs;
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+use zenoh::Wait;
+
+/// A goal to stand still.
+fn hold() -> String {
+    GoalRequest { goal: Demand::Hold {}, limits: Stated::default() }.text()
+}
+
+/// A robot whose bridge accepts requests.
+struct Reached {
+    launched: Launched,
+    certificates: Certificates,
+    graph: PathBuf,
+    endpoint: String,
+}
+
+impl Reached {
+    fn new() -> Result<Self, Failure> {
+        let certificates = Certificates::new()?;
+        let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+        // The port is free until the bridge takes it.
+        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let tables = format!("[requests]\nrobot = \"127.0.0.1:{port}\"\n");
+        let graph = graph_with("local", &tables, home.path())?;
+        let folder = certificates.folder();
+        let given = folder.to_str().ok_or("no text")?;
+        let options = ["--scenario", "goals", "--duration", "600", "--certificates", given];
+        let command = launch_command(&graph, &home.path().join("run"), &options)?;
+        let launched = Launched::by(command, home)?;
+        launched.wait_for_log("controller", "answering a plant", 1)?;
+        Ok(Self { launched, certificates, graph, endpoint: format!("tls/127.0.0.1:{port}") })
+    }
+
+    fn requester(&self, role: &Role) -> Result<Requester, RequestError> {
+        Requester::open(&self.endpoint, &self.certificates.of(role))
+    }
+
+    /// Exit code of `coxswain ARGUMENTS` with the address and the certificates.
+    fn tell(&self, arguments: &[&str]) -> Result<Option<i32>, Failure> {
+        let mut command = Command::new(binaries()?.join("coxswain"));
+        let at = self.endpoint.trim_start_matches("tls/");
+        command.args(arguments).args(["--at", at, "--certificates"]);
+        command.arg(self.certificates.folder()).env("TMPDIR", self.launched.home());
+        Ok(command.output()?.status.code())
+    }
+
+    fn end(self) -> Result<Record, Failure> {
+        let certificates = Some(self.certificates.folder());
+        let options = Options { certificates, ..Options::of_graph(&self.graph) };
+        let limits = Limits::of(&Assembly::read(&options)?);
+        signal(self.launched.pid(), Signal::TERM)?;
+        let (_, home) = self.launched.end()?;
+        let record = Record::read(&home.path().join("run"))?;
+        acquit(&record, &limits)?;
+        Ok(record)
+    }
+}
+
+fn gates(record: &Record) -> Vec<String> {
+    let mut gates: Vec<String> =
+        record.of("state").map(|state| state.word("gate").to_owned()).collect();
+    gates.dedup();
+    gates
+}
+
+#[test]
+fn an_operator_on_another_machine_gives_goals_and_stops_the_robot() -> Outcome {
+    let reached = Reached::new()?;
+    assert_eq!(reached.tell(&["go", "6", "0", "0"])?, Some(0));
+    assert_eq!(reached.tell(&["stop"])?, Some(0));
+    assert_eq!(reached.tell(&["hold"])?, Some(2), "a stopped robot takes no goal");
+    assert_eq!(reached.tell(&["resume"])?, Some(0));
+    assert_eq!(reached.tell(&["hold"])?, Some(0));
+    let record = reached.end()?;
+    let gates = gates(&record);
+    assert!(gates.ends_with(&["stopped".into(), "armed".into(), "driving".into()]), "{gates:?}");
+    Ok(())
+}
+
+#[test]
+fn a_planner_gives_goals_and_does_nothing_else() -> Outcome {
+    let reached = Reached::new()?;
+    let (planner, operator) =
+        (reached.requester(&Role::Planner)?, reached.requester(&Role::Operator)?);
+    let hold = hold();
+    planner.ask(Participant::Controller, &hold)?;
+    let weights = "mpc.weights.position = 20\n";
+    for (requester, to, text) in [
+        (&planner, Participant::Plant, "stop"),
+        (&planner, Participant::Controller, weights),
+        (&planner, Participant::Learner, hold.as_str()),
+        (&operator, Participant::Controller, weights),
+        (&operator, Participant::Learner, "learner.every_ticks = 3\n"),
+    ] {
+        let outcome = requester.ask(to, text);
+        assert!(matches!(outcome, Err(RequestError::Rejected(_))), "{to} {text}: {outcome:?}");
+    }
+    // The process itself rejects what is no order, and no goal.
+    operator.ask(Participant::Plant, "jump")?;
+    operator.ask(Participant::Controller, "# goal\nabsurd = true\n")?;
+    let record = reached.end()?;
+    assert_eq!(gates(&record).last().map(String::as_str), Some("driving"));
+    Ok(())
+}
+
+#[test]
+fn nobody_else_requests_anything() -> Outcome {
+    let reached = Reached::new()?;
+    let mut peers = strangers(&reached.certificates, "robot")?;
+    for (name, role) in
+        [("watcher", Role::Watcher), ("driver", Role::Driver), ("host", host("control"))]
+    {
+        peers.push((name, Shows::Certificate(reached.certificates.of(&role))));
+    }
+    // A planner that uses the key of an operator, or all keys.
+    peers.push(("planner", Shows::Certificate(reached.certificates.of(&Role::Planner))));
+    let mut replies = 0;
+    for (name, shows) in &peers {
+        let Ok(session) = connect(&reached.endpoint, shows) else { continue };
+        print(format_args!("{name}: a session"));
+        for key in ["operator/plant", "*/plant", "operator/*", "**"] {
+            let key = format!("coxswain-request/{ROBOT}/{key}");
+            let asked = session.get(key).payload("stop").timeout(Duration::from_secs(1)).wait();
+            replies += asked.map_or(0, |answers| answers.iter().count());
+            // A value instead of a query.
+            let _ = session.put(format!("coxswain-request/{ROBOT}/operator/plant"), "stop").wait();
+        }
+    }
+    assert_eq!(replies, 0);
+    // The permitted one still arrives.
+    reached.requester(&Role::Operator)?.ask(Participant::Controller, &hold())?;
+    let folder = reached.launched.folder().join("set");
+    let names = |start: &str| -> Result<usize, Failure> {
+        let files = fs::read_dir(&folder)?.flatten();
+        Ok(files.filter(|file| file.file_name().to_string_lossy().starts_with(start)).count())
+    };
+    assert_eq!((names("plant-")?, names("controller-")?), (0, 2), "request and reply of one goal");
+    let record = reached.end()?;
+    assert!(!gates(&record).contains(&"stopped".to_owned()));
+    Ok(())
+}
+
+#[test]
+fn a_flood_of_goals_delays_no_stop() -> Outcome {
+    let reached = Reached::new()?;
+    let operator = reached.requester(&Role::Operator)?;
+    let (ends, sent) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let planners = (0..4).map(|_| reached.requester(&Role::Planner));
+    let planners = planners.collect::<Result<Vec<_>, _>>()?;
+    let absurd = "# goal\n[goal.pose]\nto = [nan, 1e9, 0.0]\n".to_owned();
+    let texts = [hold(), absurd, format!("# goal\n{}", "x".repeat(300_000))];
+    let outcome = thread::scope(|scope| -> Outcome {
+        for (index, planner) in planners.iter().enumerate() {
+            let (ends, sent, texts) = (&ends, &sent, &texts);
+            scope.spawn(move || {
+                while !ends.load(Ordering::Relaxed) {
+                    let number = sent.fetch_add(1, Ordering::Relaxed);
+                    let _ = planner.ask(Participant::Controller, &texts[(number + index) % 3]);
+                }
+            });
+        }
+        let flooded = (0..5).try_for_each(|_| -> Outcome {
+            let before = sent.load(Ordering::Relaxed);
+            wait_until("more goals", || sent.load(Ordering::Relaxed) > before + 20)?;
+            operator.ask(Participant::Plant, "stop")?;
+            operator.ask(Participant::Plant, "resume")?;
+            Ok(())
+        });
+        ends.store(true, Ordering::Relaxed);
+        flooded
+    });
+    outcome?;
+    print(format_args!("{} requests of planners", sent.load(Ordering::Relaxed)));
+    let record = reached.end()?;
+    let stops = gates(&record).iter().filter(|gate| *gate == "stopped").count();
+    assert_eq!(stops, 5);
+    Ok(())
+}
+
+#[test]
+fn requests_from_the_network_need_certificates() -> Outcome {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let graph = graph_with("local", "[requests]\nrobot = \"127.0.0.1:1\"\n", home.path())?;
+    let mut command = launch_command(&graph, &home.path().join("run"), &["--duration", "1"])?;
+    assert_eq!(command.output()?.status.code(), Some(2));
+    Ok(())
+}
