@@ -248,6 +248,11 @@ impl Controller {
         }
         let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
         self.planner.let_reference_wait(waits, state.stamp.tick, braking, &mut self.knowledge);
+        // Other goals wait. A velocity would move the robot long after its time.
+        if waits && self.goal.is_past_velocity(state.stamp.tick) {
+            self.goal.abort();
+            self.planner.hold_now(state.pose, &mut self.knowledge);
+        }
         let now = Measured { pose: state.pose, velocity: state.velocity };
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;

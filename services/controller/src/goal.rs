@@ -111,6 +111,14 @@ pub enum GoalError {
         /// Its value.
         valid_s: f64,
     },
+    /// The velocity was requested so long ago that it has ended.
+    #[error("the velocity has ended: it was requested {age_s:.1} s ago, for {valid_s} s")]
+    Ended {
+        /// Time since the request \[s\].
+        age_s: f64,
+        /// Time for which it was to be valid \[s\].
+        valid_s: f64,
+    },
     /// It is given at no time.
     #[error("at_s = {at_s}: expected a finite number of seconds, 0 or more")]
     Schedule {
@@ -151,6 +159,20 @@ impl GoalRequest {
         // The first line marks a goal.
         let table = toml::Table::try_from(self).unwrap_or_default();
         format!("{GOAL_MARK}\n{table}")
+    }
+
+    /// Checks that the goal can still begin, `age_s` seconds after its request. A velocity that had
+    /// to wait longer than it is valid, for example for a restarted controller, moves no robot.
+    ///
+    /// # Errors
+    /// [`GoalError::Ended`].
+    pub fn check_age(&self, age_s: f64) -> Result<(), GoalError> {
+        match self.goal {
+            Demand::Velocity { valid_s, .. } if age_s > valid_s => {
+                Err(GoalError::Ended { age_s, valid_s })
+            }
+            _ => Ok(()),
+        }
     }
 
     fn check(&self) -> Result<(), GoalError> {

@@ -3,7 +3,7 @@
 use crate::goal::Course;
 use crate::reference::Reference;
 use model::{State, wrap};
-use protocol::message::{Goal, GoalPhase};
+use protocol::message::{Goal, GoalKind, GoalPhase};
 
 /// Distance, heading, speed and yaw rate within which the robot stands at its goal
 /// \[m, rad, m/s, rad/s\].
@@ -44,7 +44,17 @@ impl GoalWatch {
         self.is_new = true;
     }
 
-    /// The plant has restarted, and counts its ticks anew.
+    /// Whether the goal is a velocity, and its time is over at `tick`.
+    pub(super) fn is_past_velocity(&self, tick: u64) -> bool {
+        self.goal.is_some_and(|goal| {
+            goal.phase() == GoalPhase::Active
+                && goal.kind() == GoalKind::Velocity
+                && tick >= goal.ends_at_tick
+        })
+    }
+
+    /// The goal cannot be reached any more: the plant has restarted and counts its ticks anew, or
+    /// the time of a velocity has passed while the robot was held.
     pub(super) fn abort(&mut self) {
         if let Some(goal) = &mut self.goal {
             goal.phase = GoalPhase::Aborted.code();

@@ -173,6 +173,12 @@ impl Planner {
         self.clock = ReferenceClock::Holds(pose);
     }
 
+    /// From now on the robot holds `pose`, and the plan continues.
+    pub(super) fn hold_now(&mut self, pose: Pose, knowledge: &mut Knowledge) {
+        self.hold(pose);
+        self.aim_again(knowledge);
+    }
+
     /// Lets the reference brake and wait if the robot was held before `tick`, by a gate that is shut
     /// or by an obstacle. The robot needs `braking` periods to a standstill. Otherwise it runs.
     pub(super) fn let_reference_wait(

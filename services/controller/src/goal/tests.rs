@@ -89,6 +89,17 @@ fn a_request_is_the_same_after_its_text() -> Outcome {
 }
 
 #[test]
+fn a_velocity_that_is_taken_after_its_time_is_refused_and_a_pose_is_not() {
+    for goal in demands() {
+        let is_velocity = goal.kind() == GoalKind::Velocity;
+        let request = GoalRequest { goal, limits: Stated::default() };
+        assert!(request.check_age(1.9).is_ok());
+        let late = request.check_age(2.1);
+        assert_eq!(matches!(late, Err(GoalError::Ended { .. })), is_velocity, "{request:?}");
+    }
+}
+
+#[test]
 fn goals_that_no_robot_can_do_are_refused() {
     let refused = |text: &str| GoalRequest::parse(text).err();
     assert!(matches!(refused("goal = 3"), Some(GoalError::Syntax { .. })));

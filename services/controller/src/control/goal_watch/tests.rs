@@ -2,7 +2,7 @@ use super::super::tests::{Robotic, answer, state, told};
 use crate::goal::{Course, Demand, GoalRequest, Outlook};
 use model::State;
 use motion::limits::Stated;
-use protocol::message::{Goal, GoalPhase};
+use protocol::message::{GateState, Goal, GoalPhase};
 use robot::Surroundings;
 use std::error::Error;
 use std::ops::Range;
@@ -14,12 +14,17 @@ const PERIOD_S: f64 = 0.1;
 /// Periods within which a goal of some metres is reached for sure.
 const LONG: u64 = 150;
 
-/// A goal that begins with what the robot does now. Its way ahead is read without an allocation.
+/// A pose as a goal that begins with what the robot does now.
 fn course(robot: &Robotic, id: u64, to: [f64; 3]) -> Result<Course, Box<dyn Error>> {
+    course_of(robot, id, Demand::Pose { to })
+}
+
+/// A goal that begins with what the robot does now. Its way ahead is read without an allocation.
+fn course_of(robot: &Robotic, id: u64, goal: Demand) -> Result<Course, Box<dyn Error>> {
     let mut outlook = Outlook::with_room(100);
     let heap = allocation_counter::measure(|| assert!(robot.controller.look_out(&mut outlook)));
     assert_eq!(heap.count_total, 0, "{} bytes", heap.bytes_total);
-    let request = GoalRequest { goal: Demand::Pose { to }, limits: Stated::default() };
+    let request = GoalRequest { goal, limits: Stated::default() };
     Ok(Course::new(&request, id, &outlook, &told().robot, &Surroundings::default(), PERIOD_S)?)
 }
 
@@ -115,5 +120,46 @@ fn a_restarted_plant_aborts_the_goal_and_the_robot_holds_its_place() -> Outcome 
     let [x, y, _] = begun.pose;
     assert!((x - 7.0).hypot(y - 8.0) < 0.02, "{:?}", begun.pose);
     assert_eq!(phases(&messages(&mut robot, 9)), [(5, GoalPhase::Aborted)]);
+    Ok(())
+}
+
+/// Answers ticks of a robot that stands while its gate is shut.
+fn stand_stopped(robot: &mut Robotic, ticks: Range<u64>) {
+    for tick in ticks {
+        let mut stopped = state(tick);
+        stopped.pose = robot.state.pose;
+        stopped.gate = GateState::Stopped.code();
+        answer(&mut robot.controller, &stopped);
+        robot.controller.prepare_next();
+    }
+}
+
+#[test]
+fn a_velocity_ends_at_its_time_while_the_gate_is_stopped_and_a_pose_waits() -> Outcome {
+    let velocity = Demand::Velocity { velocity: [0.3, 0.0, 0.0], valid_s: 1.0 };
+    for (goal, phase) in
+        [(velocity, GoalPhase::Aborted), (Demand::Pose { to: [3.0, 0.0, 0.0] }, GoalPhase::Active)]
+    {
+        let mut robot = Robotic::new(&told())?;
+        drive(&mut robot, 0..20);
+        let mut goal = course_of(&robot, 5, goal)?;
+        follow(&mut robot, &mut goal, 20);
+        drive(&mut robot, 20..23);
+        robot.state.velocity = [0.0; 3];
+        let place = robot.state.pose;
+        stand_stopped(&mut robot, 23..100);
+        assert_eq!(phases(&messages(&mut robot, 99)).last(), Some(&(5, phase)));
+        // Its gate is open again.
+        for tick in 100..130 {
+            let mut measured = state(tick);
+            (measured.pose, measured.velocity) = (robot.state.pose, robot.state.velocity);
+            let command = answer(&mut robot.controller, &measured);
+            let belief = robot.controller.knowledge().belief();
+            robot.state = belief.predict(&robot.state, &command.input);
+            robot.controller.prepare_next();
+        }
+        let moved = (robot.state.pose[0] - place[0]).hypot(robot.state.pose[1] - place[1]);
+        assert_eq!(moved > 0.1, phase == GoalPhase::Active, "{phase:?}: {moved} m");
+    }
     Ok(())
 }
