@@ -1,4 +1,4 @@
-//! `coxswain go`, `hold`, `follow` and `drive`: a goal for the robot while it drives.
+//! `coxswain go`, `hold` and `follow`: a goal for the robot while it drives.
 //!
 //! The goal takes the same way as a change of settings ([`crate::set`]): a file in the run
 //! directory, to which the controller replies beside it. Then the command shows how far the robot
@@ -63,25 +63,6 @@ pub struct FollowOptions {
     options: GoalOptions,
 }
 
-/// A body velocity.
-#[derive(Debug, Clone, Args)]
-pub struct DriveOptions {
-    /// Forward \[m/s\].
-    #[arg(allow_negative_numbers = true)]
-    pub forward: f64,
-    /// To the left \[m/s\].
-    #[arg(allow_negative_numbers = true)]
-    pub left: f64,
-    /// Turning counter-clockwise \[rad/s\].
-    #[arg(allow_negative_numbers = true)]
-    pub yaw_rate: f64,
-    /// Time for which it is valid; then the robot brakes \[s\].
-    #[arg(long = "for", value_name = "SECONDS", default_value_t = 1.0)]
-    pub valid_s: f64,
-    #[command(flatten)]
-    options: GoalOptions,
-}
-
 /// Why a goal was not reached.
 #[derive(Debug, thiserror::Error)]
 pub enum GoalError {
@@ -138,15 +119,6 @@ pub fn hold(options: &GoalOptions, base: &Path) -> Result<(), GoalError> {
     give(Demand::Hold {}, options, base)
 }
 
-/// `coxswain drive`.
-///
-/// # Errors
-/// [`GoalError`].
-pub fn drive(options: &DriveOptions, base: &Path) -> Result<(), GoalError> {
-    let velocity = [options.forward, options.left, options.yaw_rate];
-    give(Demand::Velocity { velocity, valid_s: options.valid_s }, &options.options, base)
-}
-
 /// `coxswain follow`.
 ///
 /// # Errors
@@ -161,7 +133,10 @@ pub fn follow(options: &FollowOptions, base: &Path) -> Result<(), GoalError> {
 }
 
 /// Gives the goal to the controller, and waits until the robot stands there.
-fn give(goal: Demand, options: &GoalOptions, base: &Path) -> Result<(), GoalError> {
+///
+/// # Errors
+/// [`GoalError`].
+pub(crate) fn give(goal: Demand, options: &GoalOptions, base: &Path) -> Result<(), GoalError> {
     let limits = Stated { speed_mps: options.speed, ..Stated::default() };
     let request = GoalRequest { goal, limits };
     // Another machine's goal is followed with `coxswain watch`.

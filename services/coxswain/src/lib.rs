@@ -9,11 +9,13 @@
 //! | `experiment`                                | crate `experiment`                       |
 //! | `set`: settings while the robot drives      | [`set`]                                  |
 //! | `arm`, `resume`, `stop`: orders to the plant | [`order`]                               |
-//! | `go`, `hold`, `follow`, `drive`: goals      | [`goal`]                                 |
+//! | `go`, `hold`, `follow`: goals               | [`goal`]                                 |
+//! | `drive`: a velocity, or the keyboard        | [`drive`]                                |
 //! | `status`: what the robot does now           | [`status`]                               |
 //! | `router`: a zenoh router where hosts meet   | [`router`]                               |
 //! | `report`, `export`: reports and tables      | [`records`]                              |
 
+pub mod drive;
 pub mod goal;
 pub mod joined;
 pub mod order;

@@ -4,7 +4,8 @@
 mod workbench;
 
 use clap::{Parser, Subcommand};
-use coxswain::goal::{self, DriveOptions, FollowOptions, GoOptions, GoalError, GoalOptions};
+use coxswain::drive::{self, DriveError, DriveOptions};
+use coxswain::goal::{self, FollowOptions, GoOptions, GoalError, GoalOptions};
 use coxswain::joined::JoinError;
 use coxswain::order::{self, OrderOptions};
 use coxswain::records::{self, ExportOptions, RecordsError, ReportOptions};
@@ -82,7 +83,15 @@ enum Command {
     /// Drive along a path from a CSV file, as fast as speeds and accelerations allow. Exit codes as
     /// for `go`.
     Follow(FollowOptions),
-    /// Drive with a body velocity for a time, then stand still. Exit codes as for `go`.
+    /// Drive with a body velocity for a time, then stand still; or drive by keyboard.
+    ///
+    /// Without a velocity the keys of this terminal drive the robot: w, a, s, d or the arrows, q and
+    /// e to turn, space to stand, x for a latched stop, + and - for the speed, Esc to end. A key
+    /// acts for the dead-man time; hold it to drive on. Without a key the robot brakes, also if the
+    /// terminal or this command dies.
+    ///
+    /// Exit codes as for `go`. By keyboard: 0 if a key or a signal ended it, 2 if an argument is
+    /// invalid or the input is no terminal, 1 if the launch ended or there is no run.
     Drive(DriveOptions),
     /// Print what the robot does now: gate, pose, controller and goal.
     ///
@@ -120,7 +129,7 @@ fn main() -> ExitCode {
         Command::Go(options) => ended(goal::go(&options, &base), GoalError::exit_code),
         Command::Hold(options) => ended(goal::hold(&options, &base), GoalError::exit_code),
         Command::Follow(options) => ended(goal::follow(&options, &base), GoalError::exit_code),
-        Command::Drive(options) => ended(goal::drive(&options, &base), GoalError::exit_code),
+        Command::Drive(options) => ended(drive::run(&options, &base), DriveError::exit_code),
         Command::Status(options) => ended(status::run(&options, &base), JoinError::exit_code),
         Command::Report(options) => ended(records::report(&options), RecordsError::exit_code),
         Command::Export(options) => ended(records::export(&options), RecordsError::exit_code),

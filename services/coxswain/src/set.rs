@@ -8,7 +8,7 @@ use clap::Args;
 use graph::hosts::is_address;
 use network::requests::{ROLES, RequestError, Requester};
 use network::threads;
-use process::requests::{AskError, Outcome, Request, Settlement, ask};
+use process::requests::{AskError, Asked, Outcome, Request, Settlement, ask};
 use protocol::message::Participant;
 use runs::registry::{self, GraphEntry};
 use settings::change::{Change, ChangeError};
@@ -221,18 +221,27 @@ pub fn set(
     lines: &str,
 ) -> Result<Settlement, SetError> {
     let (entry, folder) = launch(run, base)?;
-    if !settings_file(&folder, role).exists() {
+    let asked = request(&folder, role, lines)?;
+    let Some(settled) = asked.wait(PATIENCE, || entry.is_living()) else {
+        return Err(if entry.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
+    };
+    accepted(settled.into(), role)
+}
+
+/// Requests the change `lines` from the process of `role` in the run directory `folder`, without a
+/// wait for the reply.
+///
+/// # Errors
+/// [`SetError`] if the launch has no such process, or the request cannot be written.
+pub(crate) fn request(folder: &Path, role: Participant, lines: &str) -> Result<Asked, SetError> {
+    if !settings_file(folder, role).exists() {
         return Err(SetError::Elsewhere { role });
     }
     let asked_unix_nanos = SystemTime::now()
         .duration_since(SystemTime::UNIX_EPOCH)
         .map_or(0, |since| since.as_nanos() as u64);
-    let asked =
-        ask(&folder, role, &Request { who: who(), asked_unix_nanos, change: lines.to_owned() })?;
-    let Some(settled) = asked.wait(PATIENCE, || entry.is_living()) else {
-        return Err(if entry.is_living() { SetError::NoAnswer { role } } else { SetError::Ended });
-    };
-    accepted(settled.into(), role)
+    let request = Request { who: who(), asked_unix_nanos, change: lines.to_owned() };
+    Ok(ask(folder, role, &request)?)
 }
 
 /// The arguments of the command line as lines of TOML, and the process with these keys.

@@ -3,6 +3,7 @@
 
 use certificates::CertificatesOptions;
 use clap::Subcommand;
+use coxswain::drive;
 use drill::DrillOptions;
 use drill::damage::OfferOptions;
 use experiment::worlds::{self, WorldsOptions};
@@ -24,7 +25,7 @@ use viewer::{WatchError, WatchOptions};
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Show the state of a running robot, from any machine. It only reads and does not affect the
-    /// robot.
+    /// robot, unless its key `k` begins to drive the robot by keyboard, on the robot's own machine.
     ///
     /// Exit code 0 if a key, a signal or closed output ended it, 2 if an option is invalid, 1 if
     /// there is nothing to watch.
@@ -115,8 +116,9 @@ fn watch(options: &WatchOptions) -> ExitCode {
     }
     let (stop, mut terminal) = (Stop::new(), Terminal::new());
     let watched = stop.on_signals().map_err(WatchError::from);
-    let watched =
-        watched.and_then(|()| viewer::run(options, &registry::base(), &mut terminal, &stop));
+    let base = registry::base();
+    let join = |run: &Path| drive::join(run, &base);
+    let watched = watched.and_then(|()| viewer::run(options, &base, &mut terminal, &stop, &join));
     match watched {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -34,7 +34,9 @@ impl Terminal {
     pub fn say(&mut self, what: impl Display) {
         let clear = if self.live { format!("\r{CLEAR}") } else { String::new() };
         self.live = false;
-        let _ = writeln!(io::stderr().lock(), "{clear}{what}");
+        // A terminal in raw mode does not return to the first column by itself.
+        let end = if self.rewrites { "\r\n" } else { "\n" };
+        let _ = write!(io::stderr().lock(), "{clear}{what}{end}");
     }
 
     /// Prints the live line at `now`, if it is due.

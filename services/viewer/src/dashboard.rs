@@ -9,10 +9,12 @@
 //! | [`panel`]   | the picture → cells, one module per panel                     |
 //! | [`screen`]  | takes the terminal and restores it                            |
 //! | `ear`       | the receive thread                                            |
+//! | `driving`   | keys → the robot, while the view drives it                    |
 //!
 //! Keys also have their own thread, because the library that reads them never returns once the
 //! terminal is closed.
 
+mod driving;
 mod ear;
 pub mod look;
 pub mod panel;
@@ -24,22 +26,26 @@ pub mod trail;
 pub mod view;
 
 use crate::{WatchError, WatchTarget};
+use driving::Driving;
 use ear::Ear;
 use look::Look;
 use network::telemetry::Word;
 use picture::Picture;
 use process::Stop;
-use ratatui::crossterm::event;
+use ratatui::crossterm::event::{self, KeyEvent};
 use rustix::io::Errno;
 use screen::Screen;
 use std::io;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, SyncSender};
 use std::thread;
 use std::time::{Duration, Instant};
+use teleop::steer::Join;
 use view::{AfterKey, View};
 
 /// Time between two pictures. Keys take effect at once.
 const FRAME: Duration = Duration::from_millis(100);
+/// Longest time between two steps of driving.
+const STEP: Duration = Duration::from_millis(10);
 /// Largest number of waiting events.
 const WAITING_MAX: usize = 256;
 
@@ -56,60 +62,88 @@ enum Event {
 }
 
 /// Shows what `target` publishes until the user or `stop` requests the end, or the terminal is
-/// closed.
+/// closed. `join` joins a launch on this machine, to drive it.
 ///
 /// # Errors
 /// [`WatchError`] if there is nothing to watch at the start, or the terminal cannot be used. The
 /// terminal is restored in either case.
-pub fn run(target: WatchTarget, stop: &Stop) -> Result<(), WatchError> {
+pub fn run(target: WatchTarget, stop: &Stop, join: &Join<'_>) -> Result<(), WatchError> {
     let (watcher, endpoint) = target.open()?;
     let (events, heard) = mpsc::sync_channel(WAITING_MAX);
     let mut screen = Screen::take().map_err(WatchError::Terminal)?;
     let keys = events.clone();
     thread::spawn(move || read_keys(&keys));
-    let ear = Ear::listen(target, watcher, events);
-    let shown = show(&mut screen, &heard, &mut View::new(Picture::new(&endpoint)), stop);
+    let ear = Ear::listen(target.clone(), watcher, events);
+    let mut shown =
+        Shown { view: View::new(Picture::new(&endpoint)), driving: Driving::new(join), target };
+    let watched = shown.watch(&mut screen, &heard, stop);
+    shown.driving.end();
     drop((screen, heard));
     ear.end();
-    match shown {
+    match watched {
         // The terminal is closed, so there is nothing to report to.
         Err(error) if has_gone(&error) => Ok(()),
-        shown => shown.map_err(WatchError::Terminal),
+        watched => watched.map_err(WatchError::Terminal),
     }
 }
 
-fn show(
-    screen: &mut Screen,
-    heard: &Receiver<Event>,
-    view: &mut View,
-    stop: &Stop,
-) -> io::Result<()> {
-    let look = Look::of_environment();
-    let mut next = Instant::now();
-    while !stop.requested() {
-        let now = Instant::now();
-        if now >= next {
-            view.live().look(now);
-            screen.draw(|frame| panel::draw(frame, view, look, now))?;
-            next = now + FRAME;
-        }
-        match heard.recv_timeout(next.saturating_duration_since(Instant::now())) {
-            Ok(Event::Said(word)) => view.live().hear(word, Instant::now()),
-            Ok(Event::At(endpoint)) => view.live().endpoint = endpoint,
-            Ok(Event::Terminal(event)) => {
-                let after_key =
-                    event.as_key_event().map_or(AfterKey::Watch, |key| view.press(key, now));
-                if after_key == AfterKey::Quit {
-                    return Ok(());
-                }
-                next = now;
+/// What the keys act on.
+struct Shown<'a> {
+    view: View,
+    driving: Driving<'a>,
+    target: WatchTarget,
+}
+
+impl Shown<'_> {
+    fn watch(
+        &mut self,
+        screen: &mut Screen,
+        heard: &Receiver<Event>,
+        stop: &Stop,
+    ) -> io::Result<()> {
+        let look = Look::of_environment();
+        let mut next = Instant::now();
+        while !stop.requested() {
+            let now = Instant::now();
+            self.driving.step(now);
+            if now >= next {
+                self.view.live().look(now);
+                self.view.driven(self.driving.line(now), self.driving.is_on());
+                screen.draw(|frame| panel::draw(frame, &self.view, look, now))?;
+                next = now + FRAME;
             }
-            Ok(Event::Deaf(error)) => return Err(error),
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            let wait = next.saturating_duration_since(Instant::now());
+            let wait = if self.driving.is_on() { wait.min(STEP) } else { wait };
+            match heard.recv_timeout(wait) {
+                Ok(Event::Said(word)) => self.view.live().hear(word, Instant::now()),
+                Ok(Event::At(endpoint)) => self.view.live().endpoint = endpoint,
+                Ok(Event::Terminal(event)) => {
+                    let press = |key| self.press(key, Instant::now());
+                    if event.as_key_event().map(press) == Some(AfterKey::Quit) {
+                        return Ok(());
+                    }
+                    next = now;
+                }
+                Ok(Event::Deaf(error)) => return Err(error),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
         }
+        Ok(())
     }
-    Ok(())
+
+    /// A key of driving, while the view drives, or else one of the view.
+    fn press(&mut self, key: KeyEvent, now: Instant) -> AfterKey {
+        if self.driving.press(&key, now) {
+            return AfterKey::Watch;
+        }
+        let after_key = self.view.press(key, now);
+        if after_key == AfterKey::Drive && !self.driving.is_on() {
+            let run = self.target.run_at(&self.view.live().endpoint);
+            self.driving.begin(run.as_deref());
+        }
+        after_key
+    }
 }
 
 /// Forwards key events until the receiver is dropped.

@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use teleop::steer::Join;
 use terminal::Terminal;
 
 /// Interval between checks of the stop request.
@@ -126,10 +127,19 @@ impl WatchTarget {
             endpoint,
         ))
     }
+
+    /// Run directory of the graph on this machine whose gateway has `endpoint`.
+    pub(crate) fn run_at(&self, endpoint: &str) -> Option<PathBuf> {
+        let graphs = registry::living(&self.base);
+        let is_there = |graph: &&registry::GraphEntry| {
+            gateway::addresses::endpoints(&graph.root()).iter().any(|known| known == endpoint)
+        };
+        graphs.iter().find(is_there)?.run_folder()
+    }
 }
 
 /// Shows the received telemetry on the terminal, or prints it as lines, until `stop` is requested
-/// or the output is closed.
+/// or the output is closed. On the terminal, keys can drive a robot that `join` can join.
 ///
 /// # Errors
 /// [`WatchError`] if there is nothing to watch at the start. Later it waits for a lost robot.
@@ -138,6 +148,7 @@ pub fn run(
     base: &Path,
     terminal: &mut Terminal,
     stop: &Stop,
+    join: &Join<'_>,
 ) -> Result<(), WatchError> {
     let target = WatchTarget::new(options, base);
     if options.plain {
@@ -146,7 +157,7 @@ pub fn run(
     if !io::stdout().is_terminal() || std::env::var_os("TERM").is_some_and(|kind| kind == "dumb") {
         return Err(WatchError::NoTerminal);
     }
-    dashboard::run(target, stop)
+    dashboard::run(target, stop, join)
 }
 
 /// Prints the received telemetry on `out`.
@@ -376,6 +387,11 @@ mod tests {
         );
         gateway::addresses::note(&entry.root(), &["tcp/127.0.0.1:1".to_owned()])?;
         assert_eq!(find(&base.path().join("b"))?, "tcp/127.0.0.1:1");
+        let options = Arguments::parse_from(["watch"]).options;
+        let target = WatchTarget::new(&options, &base.path().join("b"));
+        entry.note_run(Path::new("/runs/1"))?;
+        assert_eq!(target.run_at("tcp/127.0.0.1:1"), Some(PathBuf::from("/runs/1")));
+        assert_eq!(target.run_at("tcp/192.168.0.7:1"), None, "a robot elsewhere is not driven");
         let other = registry::GraphEntry::register(&base.path().join("b"))?;
         gateway::addresses::note(&other.root(), &["tcp/127.0.0.1:2".to_owned()])?;
         assert!(matches!(

@@ -55,9 +55,9 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, look: Look, now: Instant) {
         look.grey_out(body, frame.buffer_mut());
     }
     header::draw(frame, top, scene, contact, view.is_held());
-    footer::draw(frame, bottom, scene);
+    footer::draw(frame, bottom, scene, view.driving());
     if view.shows_help() {
-        help::draw(frame, body, look);
+        help::draw(frame, body, look, view.keys());
     }
 }
 

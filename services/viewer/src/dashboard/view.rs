@@ -1,12 +1,14 @@
-//! Keys → what the user wants to see: the live or the held picture, help, and the part of the map.
+//! Keys → what the user wants to see: the live or the held picture, help, the part of the map, and
+//! whether the keys drive the robot.
 
 use super::picture::{Contact, Picture};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use std::time::Instant;
 
 /// The keys and their effects, as the help shows them. This is the only list of them.
-pub const KEYS: [(&str, &str); 6] = [
+pub const KEYS: [(&str, &str); 7] = [
     ("q  Esc  Ctrl-C", "end watching; no effect on the robot"),
+    ("k", "drive the robot by keyboard, on its own machine"),
     ("space", "hold the picture, or resume it"),
     ("+  -", "zoom the map in and out"),
     ("f", "follow the robot, or show the whole path"),
@@ -38,6 +40,8 @@ pub enum MapWindow {
 pub enum AfterKey {
     /// Continue to watch.
     Watch,
+    /// Drive the robot by keyboard.
+    Drive,
     /// Quit.
     Quit,
 }
@@ -50,6 +54,8 @@ pub struct View {
     help: bool,
     map: MapWindow,
     across_m: f64,
+    driving: Option<String>,
+    drives: bool,
 }
 
 impl View {
@@ -61,7 +67,24 @@ impl View {
             help: false,
             map: MapWindow::Follow { across_m: ACROSS_M },
             across_m: ACROSS_M,
+            driving: None,
+            drives: false,
         }
+    }
+
+    /// Takes the line about driving, and whether keys drive the robot now.
+    pub fn driven(&mut self, line: Option<String>, drives: bool) {
+        (self.driving, self.drives) = (line, drives);
+    }
+
+    /// The line about driving, if there is one.
+    pub fn driving(&self) -> Option<&str> {
+        self.driving.as_deref()
+    }
+
+    /// The keys that act now, with their effects.
+    pub fn keys(&self) -> &'static [(&'static str, &'static str)] {
+        if self.drives { &teleop::keys::KEYS } else { &KEYS }
     }
 
     /// The live picture, to be updated.
@@ -105,6 +128,7 @@ impl View {
             KeyCode::Char('c' | 'C') if control => return AfterKey::Quit,
             _ if control => {}
             KeyCode::Char('q' | 'Q') | KeyCode::Esc => return AfterKey::Quit,
+            KeyCode::Char('k' | 'K') => return AfterKey::Drive,
             KeyCode::Char(' ') => self.hold(now),
             KeyCode::Char('?' | 'h' | 'H') => self.help = !self.help,
             KeyCode::Char('+' | '=') => self.zoom(1.0 / ZOOM),
@@ -208,6 +232,15 @@ mod tests {
         assert_eq!(across(&view), Some(ACROSS_LIMITS_M[0]));
         press(&mut view, "0");
         assert_eq!(across(&view), Some(ACROSS_M));
+    }
+
+    #[test]
+    fn the_key_to_drive_changes_nothing_by_itself() {
+        let mut view = View::new(Picture::new(""));
+        assert_eq!(press(&mut view, "k"), AfterKey::Drive);
+        assert_eq!((view.driving(), view.keys()), (None, &KEYS[..]));
+        view.driven(Some("DRIVING".into()), true);
+        assert_eq!((view.driving(), view.keys()), (Some("DRIVING"), &teleop::keys::KEYS[..]));
     }
 
     #[test]

@@ -1,7 +1,6 @@
 //! The keys, and the meaning of the panels, drawn over everything else.
 
 use super::super::look::Look;
-use super::super::view::KEYS;
 use super::block;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
@@ -16,12 +15,17 @@ const MEANING: [&str; 7] = [
     "predicted, by the main model alone and with what is learned;",
     "the figures are root mean squares of the last 5 s.",
     "Tick: from a state to its command; must be within the period.",
-    "Watching only reads: it sends nothing to the robot.",
+    "Watching only reads. Only driving (k) affects the robot.",
 ];
 
-pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, look: Look) {
-    let keys = KEYS.iter().map(|(keys, what)| {
-        Line::from(vec![Span::styled(format!(" {keys:<16}"), look.strong()), Span::raw(*what)])
+pub(super) fn draw(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    look: Look,
+    keys: &[(&'static str, &'static str)],
+) {
+    let keys = keys.iter().map(|&(keys, what)| {
+        Line::from(vec![Span::styled(format!(" {keys:<16}"), look.strong()), Span::raw(what)])
     });
     let lines: Vec<Line<'_>> = keys
         .chain([Line::default()])
