@@ -1,7 +1,7 @@
 //! Promise: a robot drives to a goal that is given while it drives, without a jump of its
 //! reference, and stands there. A stop outlasts it, a restarted controller takes it up again.
 
-use promises::{Launched, Message, Outcome, Record, Screen, binaries, signal};
+use promises::{Launched, Message, Outcome, Record, Screen, binaries, python, repository, signal};
 use rustix::process::Signal;
 use std::error::Error;
 use std::fs;
@@ -353,5 +353,57 @@ fn without_a_terminal_there_are_no_keys() -> Outcome {
     let mut drive = Command::new(binaries()?.join("coxswain"));
     drive.arg("drive").env("TMPDIR", home.path()).stdin(Stdio::null());
     assert_eq!(drive.output()?.status.code(), Some(2));
+    Ok(())
+}
+
+/// The examples that send a goal and wait for it, without arguments.
+fn programs() -> Result<[Command; 2], Box<dyn Error>> {
+    let mut script = Command::new(python()?);
+    script.arg("-B").arg(repository().join("deploy/clients/python/go.py"));
+    Ok([Command::new(binaries()?.join("examples/go")), script])
+}
+
+#[test]
+fn short_programs_in_rust_and_python_send_a_goal_and_wait_until_it_is_reached() -> Outcome {
+    for file in ["services/coxswain/examples/go.rs", "deploy/clients/python/go.py"] {
+        assert!(fs::read_to_string(repository().join(file))?.lines().count() <= 35, "{file}");
+    }
+    let launched = launch()?;
+    launched.gateway_endpoint()?;
+    launched.wait_for_log("controller", "answering a plant", 1)?;
+    let places = [["0.5", "0.2"], ["-0.2", "0.1"]];
+    for (number, (mut program, to)) in (1..).zip(programs()?.into_iter().zip(places)) {
+        let output = program.args(to).env("TMPDIR", launched.home()).output()?;
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{program:?}: {errors}");
+        let status = status(&launched)?;
+        let goal = (&status["goal"]["id"], &status["goal"]["phase"]);
+        assert_eq!(goal, (&number.into(), &"reached".into()));
+        for (axis, to) in to.into_iter().enumerate() {
+            let is = status["robot"]["pose"][axis].as_f64().ok_or("no pose")?;
+            assert!((is - to.parse::<f64>()?).abs() < 0.02, "{program:?}: {status}");
+        }
+    }
+    // The controller rejects it.
+    for mut program in programs()? {
+        let output = program.args(["1e9", "0"]).env("TMPDIR", launched.home()).output()?;
+        assert_eq!((output.status.code(), output.stderr.is_empty()), (Some(1), false));
+    }
+    end(launched)?;
+    Ok(())
+}
+
+#[test]
+fn the_programs_report_a_wrong_argument_and_a_missing_launch() -> Outcome {
+    let home = tempfile::tempdir()?;
+    for (arguments, code) in
+        [(&["1"][..], 2), (&["1", "north"], 2), (&["1", "2", "3", "4"], 2), (&["1", "2"], 1)]
+    {
+        for mut program in programs()? {
+            let output = program.args(arguments).env("TMPDIR", home.path()).output()?;
+            let is = (output.status.code(), output.stderr.is_empty());
+            assert_eq!(is, (Some(code), false), "{program:?}");
+        }
+    }
     Ok(())
 }

@@ -5,7 +5,7 @@
 //! is, until it stands at its goal.
 
 use crate::joined::{JoinError, Joined};
-use crate::set::{Recipient, SetError};
+use crate::set::{Recipient, SetError, set};
 use clap::Args;
 use controller::goal::{Demand, GoalRequest};
 use motion::limits::Stated;
@@ -132,46 +132,82 @@ pub fn follow(options: &FollowOptions, base: &Path) -> Result<(), GoalError> {
     give(Demand::Path { points, heading }, &options.options, base)
 }
 
-/// Gives the goal to the controller, and waits until the robot stands there.
+/// Gives the goal to the controller, and shows how far the robot is until it stands there.
 ///
 /// # Errors
 /// [`GoalError`].
 pub(crate) fn give(goal: Demand, options: &GoalOptions, base: &Path) -> Result<(), GoalError> {
     let limits = Stated { speed_mps: options.speed, ..Stated::default() };
     let request = GoalRequest { goal, limits };
+    let kind = request.goal.kind();
+    let tell = |id: u64, tick: u64| {
+        terminal::print(format_args!("goal {id} ({kind}): accepted at tick {tick}"));
+    };
     // Another machine's goal is followed with `coxswain watch`.
     if options.to.at.is_some() {
-        send(&request, &options.to, base)?;
+        let settled = options.to.send(base, Participant::Controller, &request.text())?;
+        if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome {
+            tell(settled.number, acts_from_tick);
+        }
         return Ok(());
     }
-    let joined = Joined::new(options.to.run.as_deref(), base)?;
-    let (goals, states) = (joined.watcher()?, joined.watcher()?);
-    let to = Recipient { run: Some(joined.folder.clone()), ..options.to.clone() };
-    let id = send(&request, &to, base)?;
-    if options.no_wait { Ok(()) } else { Wait { joined, goals, states }.until_reached(id) }
-}
-
-/// Sends a goal, and prints that it was accepted. Returns its number.
-fn send(request: &GoalRequest, to: &Recipient, base: &Path) -> Result<u64, SetError> {
-    let settled = to.send(base, Participant::Controller, &request.text())?;
-    let id = settled.number;
-    if let Outcome::Applied { acts_from_tick, .. } = settled.answer.outcome {
-        let kind = request.goal.kind();
-        terminal::print(format_args!("goal {id} ({kind}): accepted at tick {acts_from_tick}"));
+    let accepted = send(&request, options.to.run.as_deref(), base)?;
+    let id = accepted.id;
+    tell(id, accepted.from_tick);
+    if options.no_wait {
+        return Ok(());
     }
-    Ok(id)
+    let mut terminal = Terminal::new();
+    let reached = accepted.until_reached(|goal, state| {
+        terminal.progress(Instant::now(), || Some(line(goal, state)));
+    })?;
+    terminal.say(format_args!("goal {id}: reached at tick {}", reached.stamp.tick));
+    Ok(())
 }
 
-/// Watches the goals of a launch.
-struct Wait {
+/// Gives a goal to the controller of a launch on this machine, and waits until it is accepted. The
+/// launch is that with the run directory `run`, or the only one that runs. `base` is the directory
+/// of the running graphs, [`runs::registry::base`].
+///
+/// # Errors
+/// [`GoalError`] if there is no such launch, or the controller rejects the goal.
+pub fn send(request: &GoalRequest, run: Option<&Path>, base: &Path) -> Result<Accepted, GoalError> {
+    let joined = Joined::new(run, base)?;
+    // Its first messages are not missed.
+    let (goals, states) = (joined.watcher()?, joined.watcher()?);
+    let settled = set(Some(&joined.folder), base, Participant::Controller, &request.text())?;
+    let from_tick = match settled.answer.outcome {
+        Outcome::Applied { acts_from_tick, .. } => acts_from_tick,
+        // `set` returns it as an error.
+        Outcome::Refused { reason } => {
+            return Err(SetError::Refused { role: Participant::Controller, reason }.into());
+        }
+    };
+    Ok(Accepted { id: settled.number, from_tick, joined, goals, states })
+}
+
+/// A goal that the controller has accepted.
+pub struct Accepted {
+    /// Its number.
+    pub id: u64,
+    /// First tick at which the robot follows it.
+    pub from_tick: u64,
     joined: Joined,
     goals: transport::Source<Goal>,
     states: transport::Source<PlantState>,
 }
 
-impl Wait {
-    fn until_reached(mut self, id: u64) -> Result<(), GoalError> {
-        let mut terminal = Terminal::new();
+impl Accepted {
+    /// Waits until the robot stands at the goal, and returns its last message. `on_the_way` is
+    /// called with each message before, and the newest state of the robot.
+    ///
+    /// # Errors
+    /// [`GoalError`] if the goal ends before it is reached, or the launch ends.
+    pub fn until_reached(
+        mut self,
+        mut on_the_way: impl FnMut(&Goal, Option<&PlantState>),
+    ) -> Result<Goal, GoalError> {
+        let id = self.id;
         loop {
             self.goals.wait(PATIENCE).map_err(JoinError::from)?;
             self.joined.check()?;
@@ -183,13 +219,8 @@ impl Wait {
                     return Err(GoalError::Ended { id, phase: GoalPhase::Preempted });
                 }
                 _ if goal.id < id => {}
-                GoalPhase::Active => {
-                    terminal.progress(Instant::now(), || Some(line(&goal, state.as_ref())));
-                }
-                GoalPhase::Reached => {
-                    terminal.say(format_args!("goal {id}: reached at tick {}", goal.stamp.tick));
-                    return Ok(());
-                }
+                GoalPhase::Active => on_the_way(&goal, state.as_ref()),
+                GoalPhase::Reached => return Ok(goal),
                 phase => return Err(GoalError::Ended { id, phase }),
             }
         }

@@ -13,11 +13,28 @@
 
 The driver keeps the duties of protocol/WIRE.md: it publishes states, checks commands, plays the
 stored trajectory, brakes, and reports its health.
+
+`Goals` sends a robot to poses, from the machine of its launch (goals.py).
 """
 
 from .base import Base, Sensors
 from .driver import Driver, arguments, main
 from .gate import Gate, Limits
+from .goals import GoalError, Goals, Launch, running_launch, running_launches
 from .wire import Vector
 
-__all__ = ["Base", "Driver", "Gate", "Limits", "Sensors", "Vector", "arguments", "main"]
+__all__ = [
+    "Base",
+    "Driver",
+    "Gate",
+    "GoalError",
+    "Goals",
+    "Launch",
+    "Limits",
+    "Sensors",
+    "Vector",
+    "arguments",
+    "main",
+    "running_launch",
+    "running_launches",
+]
