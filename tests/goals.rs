@@ -2,7 +2,8 @@
 //! reference, and stands there. A stop outlasts it, a restarted controller takes it up again.
 
 use promises::{Launched, Message, Outcome, Record, Screen, binaries, python, repository, signal};
-use rustix::process::Signal;
+use runs::registry;
+use rustix::process::{Signal, getuid};
 use std::error::Error;
 use std::fs;
 use std::io::{self, Write};
@@ -343,7 +344,12 @@ fn driving_by_keyboard_restores_the_terminal_after_any_end() -> Outcome {
     signal(pid, Signal::TERM)?;
     assert_eq!(keys.end()?.code(), Some(1), "the launch has ended: {}", keys.text());
     keys.wait_until_restored()?;
-    launched.end()?;
+    // The launch could not remove what was in use. The next one does.
+    let (_, home) = launched.end()?;
+    let base = home.path().join(format!("coxswain-{}", getuid().as_raw()));
+    let (_, complaints) = registry::sweep_stale(&base);
+    assert_eq!(complaints, Vec::<String>::new());
+    assert!(registry::living(&base).is_empty() && !base.exists());
     Ok(())
 }
 
