@@ -10,12 +10,12 @@ mod steering;
 
 use crate::goal::{GoalError, GoalOptions, give};
 use crate::joined::JoinError;
-use crate::set::SetError;
+use crate::set::{Recipient, SetError};
 use clap::Args;
 use controller::goal::Demand;
 use std::io;
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 use steering::Steering;
 use teleop::dead_man::{DeadMan, Speeds};
@@ -53,9 +53,8 @@ pub struct DriveOptions {
     /// Return when the controller has accepted the velocity, not when the robot stands.
     #[arg(long, requires = "velocity")]
     pub no_wait: bool,
-    /// The run directory; by default that of the launch that runs on this machine.
-    #[arg(long, value_name = "DIR")]
-    pub run: Option<PathBuf>,
+    #[command(flatten)]
+    to: Recipient,
 }
 
 /// Why the robot was not driven, or not any more.
@@ -76,6 +75,12 @@ pub enum DriveError {
          `coxswain drive 0.3 0 0`"
     )]
     NoTerminal,
+    /// The keys drive a robot on this machine.
+    #[error(
+        "--at: expected a velocity, as in `coxswain drive 0.3 0 0 --at …`: the keys drive a \
+             robot on this machine alone"
+    )]
+    KeysElsewhere,
     /// The keys have no speed.
     #[error("--speed {speed}: expected a finite number of m/s above 0")]
     Speed {
@@ -94,7 +99,7 @@ impl DriveError {
             Self::Goal(error) => error.exit_code(),
             Self::Join(error) => error.exit_code(),
             Self::Set(error) => error.exit_code(),
-            Self::NoTerminal | Self::Speed { .. } => 2,
+            Self::NoTerminal | Self::KeysElsewhere | Self::Speed { .. } => 2,
             Self::Terminal(_) => 1,
         }
     }
@@ -117,11 +122,14 @@ pub fn join(run: &Path, base: &Path) -> Result<Box<dyn Steer>, SteerError> {
 /// [`DriveError`].
 pub fn run(options: &DriveOptions, base: &Path) -> Result<(), DriveError> {
     let &[forward, left, rate] = options.velocity.as_slice() else {
-        return keyboard::run(options, base);
+        return match options.to.at {
+            Some(_) => Err(DriveError::KeysElsewhere),
+            None => keyboard::run(options, base),
+        };
     };
     let (velocity, valid_s) = ([forward, left, rate], options.valid_s);
     let goal =
-        GoalOptions { speed: options.speed, no_wait: options.no_wait, run: options.run.clone() };
+        GoalOptions { speed: options.speed, no_wait: options.no_wait, to: options.to.clone() };
     Ok(give(Demand::Velocity { velocity, valid_s }, &goal, base)?)
 }
 

@@ -31,7 +31,7 @@ pub struct GoalOptions {
     #[arg(long)]
     pub no_wait: bool,
     #[command(flatten)]
-    to: Recipient,
+    pub(crate) to: Recipient,
 }
 
 /// A pose to go to.

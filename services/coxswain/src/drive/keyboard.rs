@@ -36,7 +36,7 @@ pub(super) fn run(options: &DriveOptions, base: &Path) -> Result<(), DriveError>
         speeds.ground_mps = speed;
     }
     let dead_man = DeadMan::new(Duration::from_secs_f64(options.dead_man_s), speeds);
-    let mut steering = Steering::new(options.run.as_deref(), base, dead_man, Instant::now())?;
+    let mut steering = Steering::new(options.to.run.as_deref(), base, dead_man, Instant::now())?;
     let stop = Stop::new();
     stop.on_signals().map_err(DriveError::Terminal)?;
     let raw = RawMode::begin().map_err(DriveError::Terminal)?;
