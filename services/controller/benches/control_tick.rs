@@ -272,6 +272,8 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
     (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (20, 10);
     let mut medians = [0.0; 2];
     let mut held = 0;
+    // Iterations of the solver, and times to linearise and to solve [ns], means.
+    let mut sums = [0.0; 3];
     for (median, among) in medians.iter_mut().zip([false, true]) {
         settings.sees_obstacles = among;
         let mut controller = Controller::new(&settings)?;
@@ -281,6 +283,7 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
         (measured.gate, measured.stamp.epoch) = (GateState::Driving.code(), 1);
         let (mut robot, mut times) = (State::default(), Vec::with_capacity(MEASURED));
         let mut discs = Vec::with_capacity(8);
+        sums = [0.0; 3];
         let mut tick_once = |tick: usize| -> Result<(), ImpossibleShape> {
             (measured.stamp.tick, measured.fallback_level) =
                 (tick as u64, FallbackLevel::FreshPlan.code());
@@ -301,10 +304,14 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
             }
             controller.observe(&measured, &handover, 1);
             let input = controller.answer(&measured, &handover).input;
-            black_box(controller.explain(0));
+            let plan = controller.explain(0);
+            let of_plan = [u64::from(plan.iterations), plan.linearise_nanos, plan.solve_nanos];
             controller.prepare_next();
             if tick >= WARM_UP as usize {
                 times.push(monotonic_nanos() - begin);
+                for (sum, value) in sums.iter_mut().zip(of_plan) {
+                    *sum += value as f64 / MEASURED as f64;
+                }
             }
             held += u64::from(among && controller.is_held_by_obstacle());
             robot = controller.knowledge().belief().predict(&robot, &input);
@@ -322,12 +329,15 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
         times.sort_unstable();
         *median = 1e-3 * times[times.len() / 2] as f64;
     }
-    let [without, with] = medians;
+    let ([without, with], [iterations, linearise, solve]) = (medians, sums);
     println!(
         "{{\"tick_without_obstacles_us\":{without:.1},\"with_8_us\":{with:.1},\
-         \"ratio\":{:.2},\"held_share\":{:.2}}}",
+         \"ratio\":{:.2},\"held_share\":{:.2},\"iterations\":{iterations:.0},\
+         \"linearise_us\":{:.1},\"solve_us\":{:.1}}}",
         with / without,
-        held as f64 / (MEASURED as f64 + WARM_UP as f64)
+        held as f64 / (MEASURED as f64 + WARM_UP as f64),
+        1e-3 * linearise,
+        1e-3 * solve
     );
     Ok(())
 }
