@@ -50,6 +50,10 @@ fn is_shown(
     browser.open(&address, 1280, 1120)?;
     browser.wait_for("document.getElementById('processes').children.length === 5")?;
     browser.wait_for(&format!("document.getElementById('insecure').innerText === {on_page:?}"))?;
+    // The stop button is for the robot's own machine.
+    let is_local = launched.page_address()?.contains("127.0.0.1");
+    let button = "document.getElementById('stop').offsetHeight > 0";
+    browser.wait_for(&format!("({button}) === {is_local}"))?;
     let seen = browser.ask("document.getElementById('insecure').offsetHeight > 0")?;
     assert_eq!(seen, !on_page.is_empty(), "on the page");
 

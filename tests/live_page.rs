@@ -1,14 +1,17 @@
 //! Promise: a browser shows the robot live while it learns, on any screen, and reconnects by
-//! itself.
+//! itself. On the robot's own machine it can stop the robot.
 //!
 //! With `COXSWAIN_PICTURE=1` in the environment it also takes the picture of the README,
 //! `docs/images/live.png`.
 
-use promises::{Browser, Launched, Outcome, repository, signal};
+use promises::{Browser, Launched, Outcome, Record, binaries, repository, signal};
 use rustix::process::Signal;
 use std::collections::BTreeSet;
 use std::error::Error;
 use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::process::Command;
 
 /// Pixels of `canvas` in the colour named `colour` in the style.
 fn pixels(canvas: &str, colour: &str) -> String {
@@ -115,7 +118,8 @@ fn a_browser_sees_the_robot_move_and_learn_on_any_screen_in_any_light_and_by_key
         }
         reached.insert(name);
     }
-    for control in ["follow", "close", "whole", "15", "60", "plane", "yaw", "pause", "log"] {
+    for control in ["stop", "follow", "close", "whole", "15", "60", "plane", "yaw", "pause", "log"]
+    {
         assert!(reached.contains(control), "{control} is not in {reached:?}");
     }
 
@@ -161,5 +165,88 @@ fn an_open_page_outlives_a_killed_gateway() -> Outcome {
     drop(browser);
     signal(launched.pid(), Signal::TERM)?;
     launched.end()?;
+    Ok(())
+}
+
+/// Waits until the page shows this state of its stop button.
+fn wait_for_stop(browser: &mut Browser, state: &str) -> Outcome {
+    browser.wait_for(&format!("document.getElementById('stop-bar').dataset.state === '{state}'"))
+}
+
+/// Asserts that the stop button can be hit wherever the page is scrolled to.
+fn button_is_in_reach(browser: &mut Browser) -> Outcome {
+    for place in ["0", "document.body.scrollHeight"] {
+        browser.ask(&format!("scrollTo(0, {place})"))?;
+        browser.wait_for(
+            "(({x, y, width, height}) => height >= 48 &&
+                document.elementFromPoint(x + width / 2, y + height / 2).id === 'stop')
+                (document.getElementById('stop').getBoundingClientRect())",
+        )?;
+    }
+    Ok(())
+}
+
+/// Status of a request to stop with the origin of the page, and without its token.
+fn stop_without_token(address: &str) -> Result<String, Box<dyn Error>> {
+    let host = address.trim_start_matches("http://").trim_end_matches('/');
+    let mut stream = TcpStream::connect(host)?;
+    let headers = format!("Host: {host}\r\nOrigin: http://{host}\r\nContent-Length: 0");
+    write!(stream, "POST /stop HTTP/1.1\r\n{headers}\r\n\r\n")?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer)?;
+    Ok(answer.split(' ').nth(1).ok_or("no status")?.to_owned())
+}
+
+#[test]
+fn a_press_of_the_stop_button_stops_the_robot_and_nothing_else_on_the_page_does() -> Outcome {
+    let launched = Launched::new(&["--duration", "600"])?;
+    let (mut browser, address) = open(&launched)?;
+    browser.wait_for("/^fresh plan/.test(document.getElementById('fallback-level').innerText)")?;
+    assert_eq!(stop_without_token(&address)?, "403");
+    // Without the focus on the button, a key has no effect.
+    browser.press("Enter")?;
+    browser.press("Space")?;
+    wait_for_movement(&mut browser)?;
+    wait_for_stop(&mut browser, "idle")?;
+
+    button_is_in_reach(&mut browser)?;
+    browser.press("Tab")?;
+    assert_eq!(browser.ask("document.activeElement.id")?, "stop");
+    browser.press("Enter")?;
+    wait_for_stop(&mut browser, "stopped")?;
+    let resumed = Command::new(binaries()?.join("coxswain"))
+        .arg("resume")
+        .env("TMPDIR", launched.home())
+        .output()?;
+    assert!(resumed.status.success(), "{resumed:?}");
+    wait_for_stop(&mut browser, "idle")?;
+    wait_for_movement(&mut browser)?;
+
+    browser.resize(390, 844, true)?;
+    browser.wait_for("innerWidth === 390")?;
+    button_is_in_reach(&mut browser)?;
+    // A press after a restart of the gateway has the new token.
+    let gateway = launched.process("gateway", None)?;
+    signal(gateway, Signal::KILL)?;
+    browser.wait_for("/connected again/.test(document.getElementById('log').innerText)")?;
+    browser.wait_for("document.getElementById('status').innerText === 'live'")?;
+    browser.ask("document.getElementById('stop').click()")?;
+    wait_for_stop(&mut browser, "stopped")?;
+    is_self_contained(&browser, &address);
+    drop(browser);
+
+    signal(launched.pid(), Signal::TERM)?;
+    let (_, home) = launched.end()?;
+    let record = Record::read(&home.path().join("run"))?;
+    let orders: Vec<_> = record
+        .of("set")
+        .map(|set| ["process", "change", "outcome"].map(|key| set.says[key].as_str()))
+        .collect();
+    let order = |change| ["plant", change, "applied"].map(Some);
+    assert_eq!(orders, ["stop", "resume", "stop"].map(order));
+    let by_page: Vec<bool> = record.of("set").map(|set| set.says["who"] == "page").collect();
+    assert_eq!(by_page, [true, false, true]);
+    let last = record.of("state").next_back().ok_or("no state")?;
+    assert_eq!((last.word("gate"), last.word("stop")), ("stopped", "operator stop"));
     Ok(())
 }

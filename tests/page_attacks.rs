@@ -1,5 +1,5 @@
 //! Promise: only the intended readers can read the live page of a driving robot. Nothing can be
-//! sent to the page, and every name on it is plain text.
+//! sent to the page but a stop with its token, and every name on it is plain text.
 
 use graph::assembly::Assembly;
 use graph::options::Options;
@@ -109,6 +109,19 @@ fn takes_nothing(place: &str, own: &str) -> Outcome {
             );
         }
     }
+    let own_origin = format!("{own}\r\nOrigin: http://{place}");
+    for headers in [
+        own.to_owned(),
+        own_origin.clone(),
+        format!("{own_origin}\r\nX-Stop-Token: {}", "0".repeat(32)),
+        format!("{own}\r\nOrigin: http://evil.example"),
+    ] {
+        let stop = format!("POST /stop HTTP/1.1\r\n{headers}\r\n\r\n");
+        let reply = answer(place, stop.as_bytes())?;
+        assert!(reply.starts_with("HTTP/1.1 403 "), "{headers}: {reply}");
+    }
+    let reply = answer(place, get("/stop", &own_origin).as_bytes())?;
+    assert!(reply.starts_with("HTTP/1.1 405 ") && reply.contains("Allow: POST"), "{reply}");
     let key = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==";
     let upgrade = format!(
         "{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\nOrigin: http://evil.example"

@@ -12,14 +12,15 @@ use settings::change::{Change, changed};
 use std::fs;
 use std::net::{IpAddr, Ipv4Addr};
 
-/// A request gets the page or its events, or a status with the reason: never a status of success.
-/// Another site gets neither.
+/// A request gets the page, its events or the stop button, or a status with the reason: never a
+/// status of success. Another site gets none of them.
 pub(super) fn request(bytes: &[u8]) -> Verdict {
     let listening = IpAddr::V4(Ipv4Addr::LOCALHOST);
     match gateway::page::asked(bytes, listening) {
         Ok(what) => {
             // Empty lines before a request are allowed.
-            let method = bytes.trim_ascii_start().starts_with(b"GET /");
+            let begin: &[u8] = if what == "stop" { b"POST /stop" } else { b"GET /" };
+            let method = bytes.trim_ascii_start().starts_with(begin);
             promise(method, || format!("{what} for what?"))?;
             Ok(Fate::Used)
         }

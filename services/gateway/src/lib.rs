@@ -9,8 +9,8 @@
 //! | [`page`]       | the live page: its events, and their delivery to browsers               |
 //! | `topic_relay`  | one topic on its way to the watchers, at its rate                       |
 //!
-//! The gateway only reads, and no process waits for it. It is a passive subscriber; no message of a
-//! watcher reaches the graph.
+//! No process waits for the gateway. It is a passive subscriber, and no message of a watcher
+//! reaches the graph. One request acts: the stop button of the page, on the robot's own machine.
 //!
 //! ```
 //! use gateway::settings::Rates;

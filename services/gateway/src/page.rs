@@ -10,10 +10,11 @@
 //! | `server`  | the threads that listen and write                                           |
 //! | `request` | the request of a browser, or the reason for its refusal                     |
 //! | `answer`  | the answer: the page (`index.html`, `style.css`, scripts), events, refusals |
+//! | `stop`    | the stop button, the only part of a page that acts                          |
 //!
-//! A page can only read: it can send nothing but the requests for itself and for its events. The
-//! gateway waits for no viewer: it puts each event into their queues. A viewer that falls behind
-//! receives the present state again.
+//! A page can send the requests for itself and for its events. On the robot's own machine it can
+//! also request a stop. Everything else is refused. The gateway waits for no viewer: it puts each
+//! event into their queues. A viewer that falls behind receives the present state again.
 
 mod answer;
 mod feed;
@@ -22,6 +23,7 @@ mod logbook;
 mod request;
 mod rows;
 mod server;
+mod stop;
 #[cfg(test)]
 mod tests;
 mod viewers;
@@ -30,6 +32,7 @@ pub(crate) use feed::Feed;
 
 use crate::comparison;
 use crate::settings::Settings;
+use process::Pace;
 use server::Server;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -49,7 +52,7 @@ pub struct PageError {
 }
 
 /// Parses the request `bytes` of a browser to a page at the address `listening`. Returns
-/// `"document"` or `"events"`.
+/// `"document"`, `"events"` or `"stop"`.
 ///
 /// # Errors
 /// Status line of the refusal.
@@ -57,6 +60,7 @@ pub fn asked(mut bytes: &[u8], listening: IpAddr) -> Result<&'static str, &'stat
     match request::read(&mut bytes, listening) {
         Ok(request::Asked::Document) => Ok("document"),
         Ok(request::Asked::Events) => Ok("events"),
+        Ok(request::Asked::Stop { .. }) => Ok("stop"),
         Err(refusal) => Err(refusal.status()),
     }
 }
@@ -77,9 +81,13 @@ impl Page {
         before: Option<SocketAddr>,
     ) -> Result<Option<Self>, PageError> {
         let Ok(Some(address)) = settings.page.address() else { return Ok(None) };
-        let again = before.and_then(|before| Server::open(before).ok());
+        let run = &settings.run;
+        // In lock step the gate takes no orders.
+        let takes_orders = settings.has_plant && run.pace == Pace::RealTime;
+        let stops = takes_orders.then_some(run.folder.as_path());
+        let again = before.and_then(|before| Server::open(before, stops).ok());
         let server = again
-            .map_or_else(|| Server::open(address), Ok)
+            .map_or_else(|| Server::open(address, stops), Ok)
             .map_err(|source| PageError { address, source })?;
         let without = settings
             .about

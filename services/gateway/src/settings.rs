@@ -18,6 +18,9 @@ const RATE_MAX: f64 = 1000.0;
 pub struct Settings {
     /// Settings that every process gets from the launcher.
     pub run: Run,
+    /// Whether the plant runs on this host, so that the page can request a stop.
+    #[serde(default)]
+    pub has_plant: bool,
     /// The endpoints for watchers, and the robot's name.
     pub telemetry: TelemetrySettings,
     /// Highest rate of each topic.

@@ -28,6 +28,7 @@ fn settings(folder: &Path, rates: Rates) -> Settings {
     };
     Settings {
         run,
+        has_plant: false,
         telemetry,
         rates,
         page: PageSettings { listen: "127.0.0.1:0".into() },

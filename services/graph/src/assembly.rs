@@ -367,7 +367,8 @@ impl Assembly {
         };
         let Graph { mut telemetry, rates, page, .. } = self.graph.clone();
         telemetry.credentials = self.certificates.as_ref().map(Certificates::credentials);
-        gateway::settings::Settings { run, telemetry, rates, page, about }
+        let has_plant = self.roles().any(|role| role == Participant::Plant);
+        gateway::settings::Settings { run, has_plant, telemetry, rates, page, about }
     }
 
     /// Settings of the bridge.

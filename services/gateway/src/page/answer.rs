@@ -2,6 +2,8 @@
 //! from elsewhere.
 
 use super::request::Refusal;
+use super::stop::StopError;
+use serde_json::json;
 use std::hash::{BuildHasher, RandomState};
 
 const HTML: &str = include_str!("index.html");
@@ -15,6 +17,7 @@ const SCRIPT: &str = concat!(
     include_str!("map.js"),
     include_str!("chart.js"),
     include_str!("figures.js"),
+    include_str!("stop.js"),
     include_str!("main.js"),
     "})();\n"
 );
@@ -40,22 +43,39 @@ pub(super) fn document(nonce: &str) -> String {
     )
 }
 
-/// The text before the first event. A browser that loses the connection connects again after half a
-/// second.
-pub(super) fn events() -> String {
-    format!("HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\n{ALWAYS}\r\nretry: 500\n\n")
+/// The text before the feed: the token of the stop button, if the page has one. A browser that
+/// loses the connection connects again after half a second.
+pub(super) fn events(token: Option<&str>) -> String {
+    let stop = event("stop", &json!({ "token": token }).to_string());
+    format!(
+        "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\n{ALWAYS}\r\n{stop}retry: 500\n\n"
+    )
 }
 
 /// The answer to a refused request.
 pub(super) fn refusal(refusal: Refusal) -> String {
-    let (status, allow) =
-        (refusal.status(), if refusal == Refusal::Method { "Allow: GET\r\n" } else { "" });
-    let body = format!("{status}\n");
+    let allow = match refusal {
+        Refusal::Method { allowed } => format!("Allow: {allowed}\r\n"),
+        _ => String::new(),
+    };
+    text(refusal.status(), &allow, refusal.text())
+}
+
+/// The answer to the stop button: the tick from which on the gate is stopped, or the error.
+pub(super) fn stopped(outcome: Result<u64, StopError>) -> String {
+    match outcome {
+        Ok(tick) => text("200 OK", "", &format!("the gate is stopped from tick {tick} on")),
+        Err(error) => text(error.status(), "", &error.to_string()),
+    }
+}
+
+/// One line as plain text, with more `headers`.
+fn text(status: &str, headers: &str, line: &str) -> String {
     format!(
         "HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\n\
-         Content-Length: {}\r\n{allow}\
-         Content-Security-Policy: default-src 'none'\r\n{ALWAYS}\r\n{body}",
-        body.len()
+         Content-Length: {}\r\n{headers}\
+         Content-Security-Policy: default-src 'none'\r\n{ALWAYS}\r\n{line}\n",
+        line.len() + 1
     )
 }
 
@@ -120,10 +140,18 @@ mod tests {
 
     #[test]
     fn the_content_length_is_the_length_of_the_body() {
-        for answer in [document("n"), refusal(Refusal::Method), refusal(Refusal::Nowhere)] {
+        let method = Refusal::Method { allowed: "GET" };
+        let not_stopped = Err(StopError::Rejected { reason: "größer".into() });
+        for answer in [
+            document("n"),
+            refusal(method),
+            refusal(Refusal::Nowhere),
+            stopped(Ok(7)),
+            stopped(not_stopped),
+        ] {
             let (head, body) = answer.split_once("\r\n\r\n").unwrap_or_default();
             assert!(head.contains(&format!("Content-Length: {}", body.len())), "{head}");
         }
-        assert!(refusal(Refusal::Method).contains("Allow: GET"));
+        assert!(refusal(method).contains("Allow: GET"));
     }
 }

@@ -16,6 +16,7 @@ let mapNext = 0;
 let textNext = 0;
 
 function draw(time) {
+  showStop();
   if (!paused && time >= mapNext) {
     mapNext = time + MAP_EVERY_MS;
     const spread = drawMap(canvases.map, chosen.view, reducedMotion.matches);
@@ -58,6 +59,7 @@ for (const button of document.querySelectorAll("[data-choose]")) {
     [mapNext, textNext] = [0, 0];
   });
 }
+byId("stop").addEventListener("click", stopRobot);
 byId("pause").addEventListener("click", () => {
   paused = !paused;
   byId("pause").setAttribute("aria-pressed", String(paused));

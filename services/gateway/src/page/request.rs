@@ -8,31 +8,47 @@ use std::time::{Duration, Instant};
 pub(super) const BYTES_MAX: usize = 8 * 1024;
 /// Largest number of headers of a request.
 const HEADERS_MAX: usize = 64;
+/// Header of a request to stop. A script of another site would need a permission to send it.
+const TOKEN: &str = "x-stop-token";
 /// Time limit for the arrival of a request.
 const ARRIVES_WITHIN: Duration = Duration::from_secs(5);
 
 /// The available resources.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Asked {
     /// The page.
     Document,
     /// The events of the page.
     Events,
+    /// A stop of the robot, by the button of the page.
+    Stop {
+        /// The token that the request contains.
+        token: String,
+    },
 }
 
 /// The reason for a refusal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Refusal {
     /// Not HTTP, or without a host.
     Malformed,
     /// A foreign host name, or another site's script.
     Foreign,
+    /// The request to stop does not contain the token of this page.
+    Token,
     /// The path does not exist.
     Nowhere,
-    /// Only GET is permitted.
-    Method,
+    /// This page has no stop button.
+    NoButton,
+    /// Another method is required.
+    Method {
+        /// The method of this path.
+        allowed: &'static str,
+    },
     /// The request does not arrive in time.
     TooSlow,
+    /// A request to stop with a body.
+    Body,
     /// Longer than any browser's request.
     TooLong,
     /// All places are taken.
@@ -44,12 +60,30 @@ impl Refusal {
     pub(super) fn status(self) -> &'static str {
         match self {
             Self::Malformed => "400 Bad Request",
-            Self::Foreign => "403 Forbidden",
-            Self::Nowhere => "404 Not Found",
-            Self::Method => "405 Method Not Allowed",
+            Self::Foreign | Self::Token => "403 Forbidden",
+            Self::Nowhere | Self::NoButton => "404 Not Found",
+            Self::Method { .. } => "405 Method Not Allowed",
             Self::TooSlow => "408 Request Timeout",
+            Self::Body => "413 Content Too Large",
             Self::TooLong => "431 Request Header Fields Too Large",
             Self::Full => "503 Service Unavailable",
+        }
+    }
+
+    /// What was expected.
+    pub(super) fn text(self) -> &'static str {
+        match self {
+            Self::Malformed => "expected a request of HTTP with one Host",
+            Self::Foreign => "expected the Host and the Origin of this page",
+            Self::Token => "expected the token of this page; try again, or reload the page",
+            Self::Nowhere => "expected the path /, /events or /stop",
+            Self::NoButton => "expected a page on the robot's own machine, of a run in real time",
+            Self::Method { allowed: "POST" } => "expected POST",
+            Self::Method { .. } => "expected GET",
+            Self::TooSlow => "expected the whole request within 5 s",
+            Self::Body => "expected no body",
+            Self::TooLong => "expected at most 8 KiB and 64 headers",
+            Self::Full => "expected fewer viewers at the same time",
         }
     }
 }
@@ -100,23 +134,31 @@ fn parse(bytes: &[u8], listening: IpAddr) -> Result<Option<Asked>, Refusal> {
     if !is_ours(host, listening) {
         return Err(Refusal::Foreign);
     }
-    if request.method != Some("GET") {
-        return Err(Refusal::Method);
-    }
     let path = request.path.and_then(|path| path.split('?').next());
-    let asked = match path {
-        Some("/") => Asked::Document,
-        Some("/events") => Asked::Events,
-        _ => return Err(Refusal::Nowhere),
-    };
-    let own_site =
-        header("sec-fetch-site")?.is_none_or(|site| matches!(site, "same-origin" | "none"));
-    let own_origin =
-        header("origin")?.is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
-    if asked == Asked::Events && !(own_site && own_origin) {
-        return Err(Refusal::Foreign);
+    let allowed = if path == Some("/stop") { "POST" } else { "GET" };
+    if request.method != Some(allowed) {
+        return Err(Refusal::Method { allowed });
     }
-    Ok(Some(asked))
+    let site = header("sec-fetch-site")?;
+    let origin = header("origin")?;
+    let own_site = site.is_none_or(|site| matches!(site, "same-origin" | "none"));
+    let own_origin = origin.is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
+    match path {
+        Some("/") => Ok(Some(Asked::Document)),
+        Some("/events" | "/stop") if !(own_site && own_origin) => Err(Refusal::Foreign),
+        Some("/events") => Ok(Some(Asked::Events)),
+        // Every browser sends the origin of a POST.
+        Some("/stop") if origin.is_none() => Err(Refusal::Foreign),
+        Some("/stop") => {
+            let length = header("content-length")?.unwrap_or("0");
+            if length != "0" || header("transfer-encoding")?.is_some() {
+                return Err(Refusal::Body);
+            }
+            let token = header(TOKEN)?.ok_or(Refusal::Token)?.to_owned();
+            Ok(Some(Asked::Stop { token }))
+        }
+        _ => Err(Refusal::Nowhere),
+    }
 }
 
 /// Whether `host` can only mean this machine: one of its addresses, or `localhost`. Any port is
@@ -167,7 +209,7 @@ mod tests {
         for method in ["POST", "HEAD", "PUT", "DELETE", "OPTIONS", "get"] {
             assert_eq!(
                 asked(&format!("{method} / HTTP/1.1\r\nHost: localhost\r\n\r\n")),
-                Err(Refusal::Method),
+                Err(Refusal::Method { allowed: "GET" }),
                 "{method}"
             );
         }

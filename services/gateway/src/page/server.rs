@@ -2,14 +2,17 @@
 
 use super::answer;
 use super::request::{self, Asked, Refusal};
+use super::stop::StopButton;
 use super::viewers::{VIEWERS_MAX, Viewers};
+use process::Repeated;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{self, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Arc;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Largest number of connections: viewers, and as many that fetch the page.
 const CONNECTIONS_MAX: usize = 2 * VIEWERS_MAX;
@@ -33,15 +36,43 @@ struct Shared {
     viewers: Viewers,
     connections: AtomicUsize,
     closing: AtomicBool,
+    /// Only of a page that no other machine can reach.
+    button: Option<StopButton>,
+    refused: Mutex<Repeated<Refusal>>,
+}
+
+impl Shared {
+    /// The stop button of a viewer at `peer`, if it has one.
+    fn button(&self, peer: IpAddr) -> Option<&StopButton> {
+        self.button.as_ref().filter(|_| peer.is_loopback())
+    }
+
+    /// Counts a refused request. The log has a line of each kind at most every ten seconds.
+    fn note(&self, refusal: Refusal) {
+        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        refused.note(refusal, 1);
+        log(&refused.due(Instant::now()));
+    }
+}
+
+/// Logs refused requests, with their numbers.
+fn log(refused: &[(Refusal, u64)]) {
+    for (refusal, requests) in refused {
+        let (status, reason) = (refusal.status(), refusal.text());
+        tracing::warn!(requests, status, "the page refused requests: {reason}");
+    }
 }
 
 impl Server {
-    /// Listens at `address`.
-    pub(super) fn open(address: SocketAddr) -> io::Result<Self> {
+    /// Listens at `address`. On the loopback the page has a stop button for the run in `stops`.
+    pub(super) fn open(address: SocketAddr, stops: Option<&Path>) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         // A connection that has closed between the poll and here must not block.
         listener.set_nonblocking(true)?;
-        let (address, shared) = (listener.local_addr()?, Arc::<Shared>::default());
+        let stops = stops.filter(|_| address.ip().is_loopback());
+        let button = stops.map(StopButton::new).transpose()?;
+        let shared = Arc::new(Shared { button, ..Shared::default() });
+        let address = listener.local_addr()?;
         let thread = {
             let shared = Arc::clone(&shared);
             thread::Builder::new()
@@ -66,6 +97,7 @@ impl Drop for Server {
     fn drop(&mut self) {
         self.shared.closing.store(true, Ordering::Release);
         self.shared.viewers.close();
+        log(&self.shared.refused.lock().unwrap_or_else(PoisonError::into_inner).rest());
         if let Some(thread) = self.thread.take() {
             // A panic of that thread is in the log.
             let _ = thread.join();
@@ -87,7 +119,7 @@ fn let_in(listener: &TcpListener, ip: IpAddr, shared: &Arc<Shared>) {
         // The result does not matter: the next round polls again.
         let _ = poll(&mut [PollFd::new(listener, PollFlags::IN)], Some(&PATIENCE));
         match listener.accept() {
-            Ok((stream, _)) => welcome(stream, ip, shared),
+            Ok((stream, peer)) => welcome(stream, ip, peer.ip(), shared),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
             // For example too many open files. The error is temporary, and meanwhile the poll
             // returns at once.
@@ -97,7 +129,7 @@ fn let_in(listener: &TcpListener, ip: IpAddr, shared: &Arc<Shared>) {
 }
 
 /// Starts a thread for a connection, if there is room.
-fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
+fn welcome(mut stream: TcpStream, ip: IpAddr, peer: IpAddr, shared: &Arc<Shared>) {
     let prepared = stream.set_nonblocking(false).and_then(|()| stream.set_nodelay(true));
     let prepared = prepared.and_then(|()| stream.set_read_timeout(Some(READS_WITHIN)));
     if prepared.and_then(|()| stream.set_write_timeout(Some(WRITES_WITHIN))).is_err() {
@@ -105,6 +137,7 @@ fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
     }
     let counted = Counted(Arc::clone(shared));
     if shared.connections.fetch_add(1, Ordering::AcqRel) >= CONNECTIONS_MAX {
+        shared.note(Refusal::Full);
         // Small enough for any socket's buffer.
         let _ = stream.write_all(answer::refusal(Refusal::Full).as_bytes());
         return;
@@ -112,23 +145,27 @@ fn welcome(mut stream: TcpStream, ip: IpAddr, shared: &Arc<Shared>) {
     let serve = move || {
         let counted = counted;
         // A browser that has disconnected is not an error.
-        let _ = serve(stream, ip, &counted.0);
+        let _ = serve(stream, ip, peer, &counted.0);
     };
     if let Err(error) = thread::Builder::new().name("viewer".into()).spawn(serve) {
         tracing::warn!(%error, "a viewer of the page was not served");
     }
 }
 
-fn serve(mut stream: TcpStream, ip: IpAddr, shared: &Shared) -> io::Result<()> {
-    let refuse =
-        |mut stream: TcpStream, refusal| stream.write_all(answer::refusal(refusal).as_bytes());
+fn serve(mut stream: TcpStream, ip: IpAddr, peer: IpAddr, shared: &Shared) -> io::Result<()> {
+    let refuse = |mut stream: TcpStream, refusal| {
+        shared.note(refusal);
+        stream.write_all(answer::refusal(refusal).as_bytes())
+    };
+    let button = shared.button(peer);
     match request::read(&mut stream, ip) {
         Ok(Asked::Document) => stream.write_all(answer::document(&answer::nonce()).as_bytes()),
         Ok(Asked::Events) => {
             let Some(viewer) = shared.viewers.join(stream.try_clone()?) else {
                 return refuse(stream, Refusal::Full);
             };
-            let served = stream.write_all(answer::events().as_bytes()).and_then(|()| {
+            let begin = answer::events(button.map(StopButton::token));
+            let served = stream.write_all(begin.as_bytes()).and_then(|()| {
                 while let Some(event) = viewer.next() {
                     stream.write_all(event.as_bytes())?;
                 }
@@ -137,6 +174,18 @@ fn serve(mut stream: TcpStream, ip: IpAddr, shared: &Shared) -> io::Result<()> {
             shared.viewers.leave(&viewer);
             served
         }
+        Ok(Asked::Stop { token }) => {
+            let Some(button) = button else { return refuse(stream, Refusal::NoButton) };
+            if !button.opens_with(&token) {
+                return refuse(stream, Refusal::Token);
+            }
+            let outcome = button.press(|| !shared.closing.load(Ordering::Acquire));
+            match &outcome {
+                Ok(tick) => tracing::info!(tick, "the stop button of the page stopped the gate"),
+                Err(error) => tracing::warn!(%error, "the stop button of the page failed"),
+            }
+            stream.write_all(answer::stopped(outcome).as_bytes())
+        }
         Err(refusal) => refuse(stream, refusal),
     }
 }
@@ -144,13 +193,14 @@ fn serve(mut stream: TcpStream, ip: IpAddr, shared: &Shared) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::error::Error;
     use std::io::{BufRead, BufReader, Read};
     use std::time::Instant;
 
     const PATIENCE: Duration = Duration::from_mins(1);
 
     fn open() -> io::Result<Server> {
-        Server::open(SocketAddr::from(([127, 0, 0, 1], 0)))
+        Server::open(SocketAddr::from(([127, 0, 0, 1], 0)), None)
     }
 
     fn ask(server: &Server, text: &str) -> io::Result<TcpStream> {
@@ -201,6 +251,18 @@ mod tests {
         ] {
             let answer = answer_to(&server, text)?;
             assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{text}: {answer}");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn only_a_viewer_on_this_machine_has_the_stop_button() -> Result<(), Box<dyn Error>> {
+        let folder = tempfile::tempdir()?;
+        let server = Server::open(SocketAddr::from(([127, 0, 0, 1], 0)), Some(folder.path()))?;
+        for (peer, has_button) in
+            [("127.0.0.1", true), ("127.9.9.9", true), ("::1", true), ("10.0.0.1", false)]
+        {
+            assert_eq!(server.shared.button(peer.parse()?).is_some(), has_button, "{peer}");
         }
         Ok(())
     }
@@ -274,7 +336,7 @@ mod tests {
         let server = open()?;
         let (address, open_page) = (server.address(), viewer(&server)?);
         drop(server);
-        let again = Server::open(address)?;
+        let again = Server::open(address, None)?;
         assert_eq!(again.address(), address);
         drop(open_page);
         viewer(&again).map(drop)

@@ -27,6 +27,7 @@ function subscribe(onState) {
     if (source) source.close();
     received = performance.now();
     source = new EventSource("events");
+    source.addEventListener("stop", (event) => Object.assign(stopping, JSON.parse(event.data)));
     source.addEventListener("hello", receive(takeHello));
     source.addEventListener("news", receive((message) => store.hello && take(message)));
     // A browser retries automatically unless the request was refused.

@@ -5,15 +5,17 @@ use crate::comparison::{self, Row};
 use crate::settings::{About, PageSettings, Rates, Settings};
 use bytemuck::Zeroable;
 use network::telemetry::TelemetrySettings;
-use process::Run;
+use process::requests::{Inbox, Outcome as Reply, welcome};
+use process::{Pace, Run};
 use protocol::message::{
     FallbackLevel, Goal, GoalKind, GoalPhase, Health, Participant, Phase, Plan, PlantState,
 };
 use serde_json::Value;
 use std::error::Error;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
+use std::thread;
 use std::time::{Duration, Instant};
 use transport::Links;
 
@@ -23,6 +25,7 @@ fn settings(folder: &Path, without_learning: Option<&Path>) -> Settings {
     let links = Links::on_this_machine("test", folder, true, 1000);
     Settings {
         run: Run::new(folder, 100_000_000, links),
+        has_plant: true,
         telemetry: TelemetrySettings {
             listen: vec!["tcp/127.0.0.1:0".into()],
             robot: "</script><b>".into(),
@@ -45,12 +48,20 @@ struct Tab {
 
 impl Tab {
     fn open(page: &Page) -> Result<Self, Box<dyn Error>> {
-        let mut stream = TcpStream::connect(page.address())?;
+        Ok(Self::with_token(page)?.0)
+    }
+
+    /// The tab, and the token of the stop button, if the page has one.
+    fn with_token(page: &Page) -> Result<(Self, Option<String>), Box<dyn Error>> {
+        let port = page.address().port();
+        let mut stream = TcpStream::connect(("127.0.0.1", port))?;
         stream.set_read_timeout(Some(Duration::from_mins(1)))?;
-        write!(stream, "GET /events HTTP/1.1\r\nHost: {}\r\n\r\n", page.address())?;
+        write!(stream, "GET /events HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n")?;
         let mut tab = Self { stream: BufReader::new(stream) };
+        let (name, stop) = tab.event()?;
+        assert_eq!(name, "stop");
         while !tab.line()?.starts_with("retry:") {}
-        Ok(tab)
+        Ok((tab, stop["token"].as_str().map(str::to_owned)))
     }
 
     fn line(&mut self) -> Result<String, Box<dyn Error>> {
@@ -224,5 +235,127 @@ fn a_page_that_is_off_is_not_served_and_one_that_cannot_be_served_reports_its_ad
     );
     settings.page.listen = "off".into();
     assert!(Page::open(&settings, None)?.is_none());
+    Ok(())
+}
+
+/// A page of a run in real time, whose plant is on this host.
+fn with_stop_button(folder: &Path) -> Result<Page, Box<dyn Error>> {
+    let mut settings = settings(folder, None);
+    settings.run.pace = Pace::RealTime;
+    Page::open(&settings, None)?.ok_or_else(|| "no page".into())
+}
+
+/// Status of the answer to a request that begins with `line` and has these headers. It may have
+/// been refused before all of it was read.
+fn status(page: &Page, line: &str, headers: &[&str], body: &str) -> Result<u16, Box<dyn Error>> {
+    let mut stream = TcpStream::connect(("127.0.0.1", page.address().port()))?;
+    stream.set_read_timeout(Some(Duration::from_mins(1)))?;
+    let request = format!("{line} HTTP/1.1\r\n{}\r\n\r\n{body}", headers.join("\r\n"));
+    stream.write_all(request.as_bytes())?;
+    let mut head = [0; 12];
+    stream.read_exact(&mut head)?;
+    let status = std::str::from_utf8(&head)?.strip_prefix("HTTP/1.1 ").ok_or("not HTTP")?;
+    Ok(status.parse()?)
+}
+
+/// Number of orders to the plant.
+fn orders(folder: &Path) -> Result<usize, Box<dyn Error>> {
+    Ok(std::fs::read_dir(folder.join("set"))?.count())
+}
+
+#[test]
+fn the_stop_button_orders_a_stop_and_reports_the_reply_of_the_plant() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    let page = with_stop_button(folder.path())?;
+    let (_tab, token) = Tab::with_token(&page)?;
+    let own = page.address().to_string();
+    let (host, origin) = (format!("Host: {own}"), format!("Origin: http://{own}"));
+    let token = format!("X-Stop-Token: {}", token.ok_or("no token")?);
+    let links = Links::on_this_machine("test", folder.path(), false, 0);
+    let run = Run::new(folder.path(), 100_000_000, links);
+    let followed =
+        Reply::Applied { plant_epoch: 1, taken_at_tick: 7, ready_at_tick: 7, acts_from_tick: 7 };
+    let refused = Reply::Refused { reason: "the run has ended".into() };
+    for (reply, expected) in [(followed, 200), (refused, 409)] {
+        let mut plant = Inbox::open(&run, Participant::Plant);
+        let plant = thread::spawn(move || {
+            loop {
+                if let Some(request) = plant.take() {
+                    plant.answer(reply);
+                    break request.map(|request| (request.who, request.change));
+                }
+                thread::sleep(Duration::from_millis(2));
+            }
+        });
+        assert_eq!(status(&page, "POST /stop", &[&host, &origin, &token], "")?, expected);
+        let request = plant.join().map_err(|_| "the plant panicked")??;
+        assert_eq!(request, ("page".to_owned(), "stop".to_owned()));
+    }
+    Ok(())
+}
+
+#[test]
+fn a_stop_without_the_token_from_another_site_or_with_a_body_is_refused() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    let page = with_stop_button(folder.path())?;
+    let (_tab, token) = Tab::with_token(&page)?;
+    let (own, token) = (page.address().to_string(), token.ok_or("no token")?);
+    let (host, origin) = (format!("Host: {own}"), format!("Origin: http://{own}"));
+    let other = if token.starts_with('0') { '1' } else { '0' };
+    let wrong = format!("X-Stop-Token: {other}{}", &token[1..]);
+    let token = format!("X-Stop-Token: {token}");
+    let (host, origin, token) = (host.as_str(), origin.as_str(), token.as_str());
+    let other_port = "Origin: http://127.0.0.1:1";
+    let long = "x".repeat(4000);
+    let refused: [(&str, &[&str], &str, u16); 18] = [
+        ("POST /stop", &[host, origin], "", 403),
+        ("POST /stop", &[host, origin, &wrong], "", 403),
+        ("POST /stop", &[host, origin, "X-Stop-Token:"], "", 403),
+        ("POST /stop", &[host, origin, token, token], "", 400),
+        ("POST /stop", &[host, token], "", 403),
+        ("POST /stop", &[host, "Origin: http://evil.example", token], "", 403),
+        ("POST /stop", &[host, "Origin: null", token], "", 403),
+        ("POST /stop", &[host, other_port, token], "", 403),
+        ("POST /stop", &[host, origin, "Sec-Fetch-Site: cross-site", token], "", 403),
+        ("POST /stop", &[host, origin, "Sec-Fetch-Site: same-site", token], "", 403),
+        ("POST /stop", &["Host: evil.example", "Origin: http://evil.example", token], "", 403),
+        ("POST /stop", &[origin, token], "", 400),
+        ("POST /stop", &[host, origin, token, "Content-Length: 4000"], &long, 413),
+        ("POST /stop", &[host, origin, token, "Transfer-Encoding: chunked"], "", 413),
+        ("GET /stop", &[host, origin, token], "", 405),
+        ("OPTIONS /stop", &[host, "Origin: http://evil.example"], "", 405),
+        ("POST /", &[host, origin, token], "", 405),
+        ("POST /resume", &[host, origin, token], "", 405),
+    ];
+    for (line, headers, body, expected) in refused {
+        assert_eq!(status(&page, line, headers, body)?, expected, "{line} {headers:?}");
+    }
+    assert_eq!(orders(folder.path())?, 0);
+    Ok(())
+}
+
+#[test]
+fn only_a_page_of_a_real_run_on_the_host_of_the_plant_has_a_stop_button() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    welcome(folder.path())?;
+    for (why, has_plant, pace, listen) in [
+        ("another host has the plant", false, Pace::RealTime, "127.0.0.1:0"),
+        ("the gate takes no orders in lock step", true, Pace::LockStep, "127.0.0.1:0"),
+        ("other machines reach the page", true, Pace::RealTime, "0.0.0.0:0"),
+    ] {
+        let mut settings = settings(folder.path(), None);
+        (settings.has_plant, settings.run.pace) = (has_plant, pace);
+        settings.page.listen = listen.into();
+        let page = Page::open(&settings, None)?.ok_or("no page")?;
+        let (_tab, token) = Tab::with_token(&page)?;
+        assert_eq!(token, None, "{why}");
+        let own = format!("127.0.0.1:{}", page.address().port());
+        let (host, origin) = (format!("Host: {own}"), format!("Origin: http://{own}"));
+        let headers = [host.as_str(), &origin, "X-Stop-Token: 0"];
+        assert_eq!(status(&page, "POST /stop", &headers, "")?, 404, "{why}");
+    }
+    assert_eq!(orders(folder.path())?, 0);
     Ok(())
 }
