@@ -205,7 +205,7 @@ fn help_shows_every_key_and_closes() -> Result<(), Infallible> {
         for (keys, what) in KEYS {
             assert_all(&shown, &[keys, what]);
         }
-        assert_all(&shown, &["Watching only reads: it sends nothing to the robot."]);
+        assert_all(&shown, &["Watching only reads. Only driving (k) affects the robot."]);
     }
     press(&mut view, '?', begin);
     assert!(!text(&view, (80, 24), begin)?.contains(" Help "));
