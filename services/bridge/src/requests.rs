@@ -32,8 +32,8 @@ const PERMITTED: [(Role, Participant); 3] = [
 ];
 /// Number of requests that may wait in a queue.
 const WAITING_MAX: usize = 4;
-/// Shortest time between two requests of a queue: each is a file that stays until the end of the
-/// run.
+/// Shortest time between two goals of a queue: each is a file that stays until the end of the run.
+/// Orders to the plant do not wait.
 const PAUSE: Duration = Duration::from_millis(50);
 /// Longest wait for the reply of a process. A process that is restarted replies after its start.
 const REPLIES_WITHIN: Duration = Duration::from_secs(15);
@@ -126,7 +126,8 @@ fn process_all(folder: &Path, waiting: &Receiver<Received>, stop: &Stop) {
     while !stop.requested() {
         match waiting.recv_timeout(LOOK) {
             Ok(request) => {
-                if let Some(rest) = last.and_then(|last| PAUSE.checked_sub(last.elapsed())) {
+                let rest = last.and_then(|last| PAUSE.checked_sub(last.elapsed()));
+                if let Some(rest) = rest.filter(|_| request.to == Participant::Controller) {
                     thread::sleep(rest);
                 }
                 last = Some(Instant::now());
