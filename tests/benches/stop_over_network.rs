@@ -56,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let tables = format!("[requests]\nrobot = \"127.0.0.1:{port}\"\n");
     let graph = graph_with("local", &tables, home.path())?;
     let given = folder.to_str().ok_or("no text")?;
-    let options = ["--scenario", "goals", "--duration", "36000", "--certificates", given];
+    let options = ["--scenario", "goals", "--duration", "10000", "--certificates", given];
     let command = launch_command(&graph, &home.path().join("run"), &options)?;
     let launched = Launched::by(command, home)?;
     launched.wait_for_log("controller", "answering a plant", 1)?;
