@@ -1,5 +1,5 @@
 //! Requests from other machines: operators stop the robot and give goals, planners give goals, and
-//! nobody else does anything.
+//! all other peers are refused.
 
 use crate::session::{Certificates, Failure, ROBOT, Shows, connect, host, print, strangers};
 use access::Role;
@@ -18,7 +18,7 @@ use std::fs;
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
 use zenoh::Wait;
@@ -26,6 +26,16 @@ use zenoh::Wait;
 /// A goal to stand still.
 fn hold() -> String {
     GoalRequest { goal: Demand::Hold {}, limits: Stated::default() }.text()
+}
+
+/// A port that is free until the bridge takes it. It is none of those that the system gives to
+/// outgoing connections.
+fn free_port() -> Result<u16, Failure> {
+    static TRIED: AtomicU16 = AtomicU16::new(0);
+    let first = u16::try_from(std::process::id() % 6_000)? + 20_000;
+    let ports = std::iter::repeat_with(|| first + TRIED.fetch_add(1, Ordering::Relaxed));
+    let is_free = |port: &u16| TcpListener::bind(("127.0.0.1", *port)).is_ok();
+    Ok(ports.take(1_000).find(is_free).ok_or("no free port")?)
 }
 
 /// A robot whose bridge accepts requests.
@@ -40,8 +50,7 @@ impl Reached {
     fn new() -> Result<Self, Failure> {
         let certificates = Certificates::new()?;
         let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-        // The port is free until the bridge takes it.
-        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let port = free_port()?;
         let tables = format!("[requests]\nrobot = \"127.0.0.1:{port}\"\n");
         let graph = graph_with("local", &tables, home.path())?;
         let folder = certificates.folder();
@@ -64,6 +73,15 @@ impl Reached {
         command.args(arguments).args(["--at", at, "--certificates"]);
         command.arg(self.certificates.folder()).env("TMPDIR", self.launched.home());
         Ok(command.output()?.status.code())
+    }
+
+    /// State of the gate, as `coxswain status` on the robot's machine says.
+    fn gate(&self) -> Option<String> {
+        let mut command = Command::new(binaries().ok()?.join("coxswain"));
+        let output =
+            command.args(["status", "--json"]).env("TMPDIR", self.launched.home()).output();
+        let status: serde_json::Value = serde_json::from_slice(&output.ok()?.stdout).ok()?;
+        status["robot"]["gate"].as_str().map(str::to_owned)
     }
 
     fn end(self) -> Result<Record, Failure> {
@@ -184,8 +202,15 @@ fn a_flood_of_goals_delays_no_stop() -> Outcome {
         let flooded = (0..5).try_for_each(|_| -> Outcome {
             let before = sent.load(Ordering::Relaxed);
             wait_until("more goals", || sent.load(Ordering::Relaxed) > before + 20)?;
-            operator.ask(Participant::Plant, "stop")?;
-            operator.ask(Participant::Plant, "resume")?;
+            for order in ["stop", "resume"] {
+                let reply = operator.ask(Participant::Plant, order)?;
+                let reply: serde_json::Value = serde_json::from_slice(&reply)?;
+                assert_eq!(reply["outcome"], "applied", "{order}: {reply}");
+                // Both orders between two states would show in none.
+                if order == "stop" {
+                    wait_until("a stopped gate", || reached.gate().as_deref() == Some("stopped"))?;
+                }
+            }
             Ok(())
         });
         ends.store(true, Ordering::Relaxed);

@@ -75,13 +75,7 @@ pub fn of_requests(robot: &str) -> Value {
         }));
         policies.push(json!({ "rules": ids, "subjects": [role.to_string()] }));
     }
-    json!({
-        "enabled": true,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
-    })
+    denying(&rules, &subjects, &policies)
 }
 
 /// For a gateway without certificates: every peer may subscribe, and no message with data passes.
@@ -136,27 +130,27 @@ pub fn of_meeting_point(graph: &str, robot: &str, hosts: &[String]) -> Value {
             .collect();
         policies.push(json!({ "rules": ids, "subjects": [host] }));
     }
+    denying(&rules, &subjects, &policies)
+}
+
+/// Denies everything but `rules` to the holder of the certificate with `subject`.
+fn control(subject: &str, rules: &[Value]) -> Value {
+    let ids: Vec<&Value> = rules.iter().map(|rule| &rule["id"]).collect();
+    let subject = json!({
+        "id": "peer",
+        "link_protocols": ["tls"],
+        "cert_common_names": [subject],
+    });
+    denying(rules, &[subject], &[json!({ "rules": ids, "subjects": ["peer"] })])
+}
+
+/// Denies everything but what the policies say.
+fn denying(rules: &[Value], subjects: &[Value], policies: &[Value]) -> Value {
     json!({
         "enabled": true,
         "default_permission": "deny",
         "rules": rules,
         "subjects": subjects,
         "policies": policies,
-    })
-}
-
-/// Denies everything but `rules` to the holder of the certificate with `subject`.
-fn control(subject: &str, rules: &[Value]) -> Value {
-    let ids: Vec<&Value> = rules.iter().map(|rule| &rule["id"]).collect();
-    json!({
-        "enabled": true,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": [{
-            "id": "peer",
-            "link_protocols": ["tls"],
-            "cert_common_names": [subject],
-        }],
-        "policies": [{ "rules": ids, "subjects": ["peer"] }],
     })
 }

@@ -13,32 +13,28 @@
 
 use crate::reason::first_line;
 use crate::threads::Client;
-use crate::{guarded, over_tls};
+use crate::{guarded, over_tls, quiet};
 use access::{AccessError, Certificate, Credentials, Role, of_requests};
 use protocol::message::Participant;
 use serde_json::json;
 use std::thread;
 use std::time::{Duration, Instant};
+use zenoh::Wait;
 use zenoh::handlers::FifoChannel;
 use zenoh::query::Query;
-use zenoh::{Config, Wait};
 
 /// The roles that may send requests.
 pub const ROLES: [Role; 2] = [Role::Operator, Role::Planner];
 
 /// Longest message, with all that zenoh adds \[bytes\]: a path of 10 000 points is shorter.
-const BYTES_MAX: usize = 2 << 20;
+const BYTES_MAX: u64 = 2 << 20;
 /// Most clients at one time.
 const CLIENTS_MAX: usize = 16;
-/// How long the other end may take to identify itself \[ms\].
-const OPEN_TIMEOUT_MILLIS: u64 = 3000;
-/// A session ends after its other end has been silent for so long \[ms\].
-const LEASE_MILLIS: u64 = 2000;
 /// How long a client waits for a reply.
 const REPLY_WITHIN: Duration = Duration::from_secs(20);
-/// How long a client waits until the bridge knows its session.
+/// How long a new session may take to know who replies.
 const KNOWN_WITHIN: Duration = Duration::from_secs(3);
-/// Pause between two attempts in that time.
+/// Interval between two looks in that time.
 const PAUSE: Duration = Duration::from_millis(20);
 
 /// A request has no outcome.
@@ -96,7 +92,7 @@ impl Requester {
         }
         let endpoint = over_tls(endpoint);
         let open = || {
-            let mut config = config("client")?;
+            let mut config = quiet("client", BYTES_MAX)?;
             for (key, value) in
                 [("connect/endpoints", json!([endpoint])), ("connect/timeout_ms", json!(0))]
             {
@@ -116,31 +112,26 @@ impl Requester {
     pub fn ask(&self, to: Participant, text: &str) -> Result<Vec<u8>, RequestError> {
         let Self { endpoint, robot, role, session } = self;
         let key = format!("coxswain-request/{robot}/{role}/{}", to.text());
+        let failed = |error: zenoh::Error| connect_error(endpoint, &error);
+        let querier = session.declare_querier(key).timeout(REPLY_WITHIN).wait().map_err(failed)?;
+        let no_reply =
+            || RequestError::NoReply { endpoint: endpoint.clone(), role: role.clone(), to };
+        // A request is sent once: one without a reply may have been processed.
         let begin = Instant::now();
-        loop {
-            let replies = session
-                .get(&key)
-                .payload(text)
-                .timeout(REPLY_WITHIN)
-                .with(FifoChannel::new(1))
-                .wait()
-                .map_err(|error| connect_error(endpoint, &error))?;
-            if let Ok(reply) = replies.recv() {
-                return match reply.result() {
-                    Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
-                    Err(error) => {
-                        let reason = error.payload().to_bytes();
-                        let reason = String::from_utf8_lossy(&reason).into_owned();
-                        Err(RequestError::Rejected(reason))
-                    }
-                };
-            }
-            // zenoh ends a query at once while it knows of nobody who replies.
+        while !querier.matching_status().wait().map_err(failed)?.matching() {
             if begin.elapsed() >= KNOWN_WITHIN {
-                let (endpoint, role) = (endpoint.clone(), role.clone());
-                return Err(RequestError::NoReply { endpoint, role, to });
+                return Err(no_reply());
             }
             thread::sleep(PAUSE);
+        }
+        let replies =
+            querier.get().payload(text).with(FifoChannel::new(1)).wait().map_err(failed)?;
+        match replies.recv().map_err(|_| no_reply())?.result() {
+            Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
+            Err(error) => {
+                let reason = error.payload().to_bytes();
+                Err(RequestError::Rejected(String::from_utf8_lossy(&reason).into_owned()))
+            }
         }
     }
 }
@@ -216,7 +207,7 @@ fn serve(
     robot: &str,
     take: &(impl Fn(Received) + Clone + Send + Sync + 'static),
 ) -> Result<Client, zenoh::Error> {
-    let mut config = config("router")?;
+    let mut config = quiet("router", BYTES_MAX)?;
     for (key, value) in [
         ("listen/endpoints", json!([endpoint])),
         ("listen/exit_on_failure", json!(true)),
@@ -238,25 +229,4 @@ fn serve(
         session.declare_queryable(key).callback(received).background().wait()?;
     }
     Ok(session)
-}
-
-fn config(mode: &str) -> Result<Config, zenoh::Error> {
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", json!(mode)),
-        ("connect/endpoints", json!([])),
-        ("listen/endpoints", json!([])),
-        ("adminspace/enabled", json!(false)),
-        ("scouting/multicast/enabled", json!(false)),
-        ("scouting/gossip/enabled", json!(false)),
-        // Otherwise opening takes this long, to wait for peers that discovery might find.
-        ("scouting/delay", json!(0)),
-        ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MILLIS)),
-        ("transport/unicast/accept_timeout", json!(OPEN_TIMEOUT_MILLIS)),
-        ("transport/link/tx/lease", json!(LEASE_MILLIS)),
-        ("transport/link/rx/max_message_size", json!(BYTES_MAX)),
-    ] {
-        config.insert_json5(key, &value.to_string())?;
-    }
-    Ok(config)
 }

@@ -3,18 +3,12 @@
 use super::{TelemetryError, TelemetrySettings};
 use crate::reason::first_line;
 use crate::threads::Client;
-use crate::{guarded, over_tls};
+use crate::{guarded, over_tls, quiet};
 use access::{Credentials, of_open_telemetry, of_telemetry};
 use serde_json::json;
 use std::net::TcpListener;
 use zenoh::config::EndPoint;
 use zenoh::{Config, Session, Wait};
-
-/// How long the other end may take to identify itself \[ms\].
-const OPEN_TIMEOUT_MILLIS: u64 = 3000;
-
-/// A session ends after its other end has been silent for so long \[ms\].
-const LEASE_MILLIS: u64 = 2000;
 
 /// How long a value may wait for room on its way to one slow watcher before that watcher misses it
 /// \[µs\].
@@ -99,11 +93,10 @@ fn open_listening(
         endpoints: endpoints.join(", "),
         reason: first_line(&error),
     };
-    let mut config = config("router")?;
+    let mut config = config("router", ASKED_MAX_BYTES)?;
     set(&mut config, "listen/endpoints", &json!(endpoints))?;
     set(&mut config, "transport/unicast/max_sessions", &json!(WATCHERS_MAX))?;
     set(&mut config, "transport/unicast/accept_pending", &json!(WATCHERS_MAX))?;
-    set(&mut config, "transport/link/rx/max_message_size", &json!(ASKED_MAX_BYTES))?;
     if let Some(credentials) = credentials {
         let control = of_telemetry(&robot_of(credentials)?);
         return zenoh::open(
@@ -127,7 +120,7 @@ pub(super) fn connect(
         endpoint: endpoint.to_owned(),
         reason: first_line(&error),
     };
-    let mut config = config("client")?;
+    let mut config = config("client", HEARD_MAX_BYTES)?;
     set(&mut config, "connect/endpoints", &json!([endpoint]))?;
     set(&mut config, "connect/timeout_ms", &json!(0))?;
     if let Some(credentials) = credentials {
@@ -138,28 +131,12 @@ pub(super) fn connect(
     Client::open(config).map_err(failed)
 }
 
-fn config(mode: &str) -> Result<Config, TelemetryError> {
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", json!(mode)),
-        ("connect/endpoints", json!([])),
-        ("listen/endpoints", json!([])),
-        ("adminspace/enabled", json!(false)),
-        ("scouting/multicast/enabled", json!(false)),
-        ("scouting/gossip/enabled", json!(false)),
-        // Otherwise opening takes this long, to wait for peers that discovery might find.
-        ("scouting/delay", json!(0)),
-        ("transport/unicast/open_timeout", json!(OPEN_TIMEOUT_MILLIS)),
-        ("transport/unicast/accept_timeout", json!(OPEN_TIMEOUT_MILLIS)),
-        ("transport/link/tx/lease", json!(LEASE_MILLIS)),
-        (
-            "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-            json!(WAIT_BEFORE_DROP_MICROS),
-        ),
-        ("transport/link/rx/max_message_size", json!(HEARD_MAX_BYTES)),
-    ] {
-        set(&mut config, key, &value)?;
-    }
+/// Messages have at most `bytes_max` bytes.
+fn config(mode: &str, bytes_max: u64) -> Result<Config, TelemetryError> {
+    let mut config = quiet(mode, bytes_max)
+        .map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
+    let wait = "transport/link/tx/queue/congestion_control/drop/wait_before_drop";
+    set(&mut config, wait, &json!(WAIT_BEFORE_DROP_MICROS))?;
     Ok(config)
 }
 
