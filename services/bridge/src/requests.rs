@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, Scope};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// The cells of the table.
 const PERMITTED: [(Role, Participant); 3] = [
@@ -140,11 +140,8 @@ fn process_all(folder: &Path, waiting: &Receiver<Received>, stop: &Stop) {
 }
 
 fn process_one(folder: &Path, received: Received, stop: &Stop) {
-    let asked_unix_nanos = SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .map_or(0, |since| since.as_nanos() as u64);
     let who = format!("{} over the network", received.from);
-    let request = Request { who, asked_unix_nanos, change: received.text.clone() };
+    let request = Request::new(who, received.text.as_str());
     let settled = match ask(folder, received.to, &request) {
         Ok(asked) => asked.wait(REPLIES_WITHIN, || !stop.requested()),
         Err(error) => return received.reject(&format!("the request cannot be written: {error}")),

@@ -15,7 +15,7 @@ use settings::change::{Change, ChangeError};
 use std::env;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use supervisor::fleet::settings_file;
 use toml::Value;
 
@@ -237,11 +237,7 @@ pub(crate) fn request(folder: &Path, role: Participant, lines: &str) -> Result<A
     if !settings_file(folder, role).exists() {
         return Err(SetError::Elsewhere { role });
     }
-    let asked_unix_nanos = SystemTime::now()
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .map_or(0, |since| since.as_nanos() as u64);
-    let request = Request { who: who(), asked_unix_nanos, change: lines.to_owned() };
-    Ok(ask(folder, role, &request)?)
+    Ok(ask(folder, role, &Request::new(who(), lines))?)
 }
 
 /// The arguments of the command line as lines of TOML, and the process with these keys.

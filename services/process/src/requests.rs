@@ -17,6 +17,7 @@ use protocol::message::Participant;
 use serde::{Deserialize, Serialize};
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 use std::{fs, io};
 
 pub use answers::Answers;
@@ -161,6 +162,20 @@ impl Display for Settled {
 }
 
 impl Request {
+    /// A request of now.
+    pub fn new(who: impl Into<String>, change: impl Into<String>) -> Self {
+        let since_1970 =
+            SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let asked_unix_nanos = since_1970.as_nanos() as u64;
+        Self { who: who.into(), asked_unix_nanos, change: change.into() }
+    }
+
+    /// Time since the request; 0 for one from the future, made before the clock was set back.
+    pub fn age(&self) -> Duration {
+        let asked = SystemTime::UNIX_EPOCH + Duration::from_nanos(self.asked_unix_nanos);
+        SystemTime::now().duration_since(asked).unwrap_or_default()
+    }
+
     /// Whether it is a goal.
     pub fn is_goal(&self) -> bool {
         is_goal(&self.change)

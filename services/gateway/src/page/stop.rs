@@ -12,7 +12,7 @@ use protocol::message::Participant;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use subtle::ConstantTimeEq;
 
 /// Longest time until the reply of the plant, as for `coxswain stop`.
@@ -94,11 +94,7 @@ impl StopButton {
         if let Some(waiting) = last.as_ref().filter(|asked| asked.answer().is_none()) {
             return Ok(waiting.clone());
         }
-        let asked_unix_nanos = SystemTime::now()
-            .duration_since(SystemTime::UNIX_EPOCH)
-            .map_or(0, |since| since.as_nanos() as u64);
-        let change = Order::Stop.name().to_owned();
-        let request = Request { who: WHO.to_owned(), asked_unix_nanos, change };
+        let request = Request::new(WHO, Order::Stop.name());
         Ok(last.insert(ask(&self.folder, Participant::Plant, &request)?).clone())
     }
 }

@@ -7,7 +7,7 @@ use crate::goal::{Course, Demand, GoalError, GoalRequest, OUTLOOK_POINTS, Outloo
 use crate::settings::Settings;
 use model::Pose;
 use process::requests::Request;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// Attempts to hand the reference over before its begin has passed.
 const ATTEMPTS: u32 = 10;
@@ -68,10 +68,7 @@ pub(super) enum Progress {
 impl GoalUnderWay {
     pub(super) fn new(request: &Request, id: u64, taken_at_tick: u64) -> Result<Self, GoalError> {
         let goal = GoalRequest::parse(&request.change)?;
-        let asked = UNIX_EPOCH + Duration::from_nanos(request.asked_unix_nanos);
-        // A request from the future is one before the clock was set back.
-        let age = SystemTime::now().duration_since(asked).unwrap_or_default();
-        goal.check_age(age.as_secs_f64())?;
+        goal.check_age(request.age().as_secs_f64())?;
         Ok(Self::of(goal, id, Origin::Operator, taken_at_tick))
     }
 
