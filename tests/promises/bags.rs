@@ -316,7 +316,7 @@ fn a_damaged_or_compressed_file_is_refused_or_read_as_far_as_it_goes() -> Outcom
 }
 
 /// ```sh
-/// cargo test -p promises --test bags -- --ignored
+/// cargo test -p promises --test promises bags:: -- --ignored
 /// ```
 #[test]
 #[ignore = "writes the seeds of the fuzzer"]
@@ -458,7 +458,7 @@ fn a_run_as_a_bag_identifies_as_its_record_does() -> Outcome {
 }
 
 /// ```sh
-/// cargo test --release -p promises --test bags figures -- --ignored --nocapture
+/// cargo test --release -p promises --test promises bags::figures -- --ignored --nocapture
 /// ```
 #[test]
 #[ignore = "docs/identification.md has its figures"]

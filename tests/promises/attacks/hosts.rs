@@ -1,6 +1,6 @@
 //! Attacks on the bridge of a driving robot's host. The bridge's own tests count what it rejects.
 
-use crate::session::{
+use super::session::{
     Certificates, Failure, HOUR_S, ROBOT, Shows, connect, host, print, router, strangers,
 };
 use access::Role;
@@ -205,7 +205,7 @@ fn a_flood_by_another_host_costs_the_local_processes_no_fresh_plan() -> Outcome 
     let session = connect(&endpoint, &Shows::Certificate(certificates.of(&host("training"))))?;
     let hello = format!("{{\"version\":{VERSION},\"instance\":7,\"lock_step\":false}}");
     let key = "coxswain-link/flooded/training/robot/hello";
-    session.put(key, hello).wait().map_err(crate::session::failed)?;
+    session.put(key, hello).wait().map_err(super::session::failed)?;
     thread::sleep(Duration::from_secs(1));
     let (begin, mut sent) = (Instant::now(), 0_u64);
     let head = SnapshotHead { inputs: 6, ..SnapshotHead::zeroed() };

@@ -223,7 +223,11 @@ fn a_panic_restores_the_terminal_and_is_reported() -> Outcome {
     }
     let mut command = Command::new(env::current_exe()?);
     command
-        .args(["--exact", "a_panic_restores_the_terminal_and_is_reported", "--nocapture"])
+        .args([
+            "--exact",
+            "terminal_view::a_panic_restores_the_terminal_and_is_reported",
+            "--nocapture",
+        ])
         .env(PANICS, "1")
         .env("RUST_BACKTRACE", "0");
     let mut view = Screen::start(&command, SMALL)?;

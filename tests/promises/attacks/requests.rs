@@ -1,7 +1,7 @@
 //! Requests from other machines: operators stop the robot and give goals, planners give goals, and
 //! all other peers are refused.
 
-use crate::session::{Certificates, Failure, ROBOT, Shows, connect, host, print, strangers};
+use super::session::{Certificates, Failure, ROBOT, Shows, connect, host, print, strangers};
 use access::Role;
 use controller::goal::{Demand, GoalRequest};
 use graph::assembly::Assembly;

@@ -1,7 +1,7 @@
 //! Every peer at the gateway's telemetry × every key × every operation of a zenoh client: watchers
 //! receive, and nothing else passes.
 
-use crate::session::{
+use super::session::{
     Certificates, Failure, HOSTS, ROBOT, Shows, connect, failed, host, print, router, strangers,
 };
 use access::{Credentials, Role, of_telemetry};
