@@ -19,8 +19,8 @@ pub use settings::Settings;
 
 use driver::piped::PipedBase;
 use driver::{Base, RunError};
-use obstacles::Among;
-use process::Stop;
+use obstacles::{Among, Crowd};
+use process::{Pace, Stop};
 use transport::{Identity, Ports};
 use truth::World;
 
@@ -57,9 +57,13 @@ impl Drive<'_> {
         let Self { settings, ports, identity, stop } = self;
         // The settings have been checked: impossible maps and crowds have been refused.
         let known = driver::surroundings(settings.map.as_ref()).ok();
-        let has_any = settings.map.is_some() || settings.obstacles.is_some();
+        // A planner can send lists in real time.
+        let has_any = settings.run.pace == Pace::RealTime
+            || settings.map.is_some()
+            || settings.sees_obstacles();
         let driver = settings.driver(known.as_ref().filter(|_| has_any));
-        match settings.obstacles.as_ref().and_then(|obstacles| obstacles.crowd().ok()) {
+        let crowd = settings.obstacles.as_ref().and_then(|obstacles| obstacles.crowd().ok());
+        match crowd.or_else(|| settings.sees_obstacles().then(Crowd::default)) {
             Some(crowd) => driver::run(Among::new(base, crowd), &driver, ports, identity, stop),
             None => driver::run(base, &driver, ports, identity, stop),
         }

@@ -2,8 +2,8 @@
 
 use crate::obstacles::ObstacleSettings;
 use crate::truth::Truth;
-use driver::Start;
 use driver::piped::Program;
+use driver::{ScheduledList, Start};
 use robot::{Map, Robot, Surroundings};
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
@@ -41,6 +41,9 @@ pub struct Settings {
     /// Obstacles of the world, if the robot has a sensor for them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacles: Option<ObstacleSettings>,
+    /// Lists of obstacles that a planner is taken to send at their times.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lists: Vec<ScheduledList>,
 }
 
 impl Settings {
@@ -54,7 +57,14 @@ impl Settings {
             robot: &self.robot,
             armed: self.armed,
             surroundings,
+            lists: &self.lists,
         }
+    }
+
+    /// Whether the robot has a sensor for obstacles. With lists of the scenario it has one that
+    /// sees nothing: its list of each period tells the controller that no other one is missing.
+    pub fn sees_obstacles(&self) -> bool {
+        self.obstacles.is_some() || !self.lists.is_empty()
     }
 }
 

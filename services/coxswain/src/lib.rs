@@ -12,12 +12,14 @@
 //! | `go`, `hold`, `follow`: goals               | [`goal`]                                 |
 //! | `drive`: a velocity, or the keyboard        | [`drive`]                                |
 //! | `status`: what the robot does now           | [`status`]                               |
+//! | lists of obstacles, for programs            | [`obstacles`]                            |
 //! | `router`: a zenoh router where hosts meet   | [`router`]                               |
 //! | `report`, `export`: reports and tables      | [`records`]                              |
 
 pub mod drive;
 pub mod goal;
 pub mod joined;
+pub mod obstacles;
 pub mod order;
 pub mod records;
 pub mod router;

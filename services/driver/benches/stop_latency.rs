@@ -119,6 +119,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         robot: &robot,
         armed: true,
         surroundings: None,
+        lists: &[],
     };
     let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
     let base = Noting::default();

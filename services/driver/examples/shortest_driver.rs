@@ -44,6 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         robot: &robot,
         armed: true,
         surroundings: None,
+        lists: &[],
     };
     let mut driver = GatedBase::new(Ideal::default(), &settings, 1);
     let mut command: Command = bytemuck::Zeroable::zeroed();

@@ -136,6 +136,14 @@ impl<B: Base> GatedBase<B> {
         Some(seen)
     }
 
+    /// Passes a list of a planner to the gate: `obstacles` at `now`, valid for `valid_nanos`. Those
+    /// for which it has no room are left out.
+    pub fn see_planned(&mut self, obstacles: &[Obstacle], now: u64, valid_nanos: u64) {
+        let known = obstacles.get(..OBSTACLES_MAX).unwrap_or(obstacles);
+        // It has room for all of these.
+        let _ = self.gate.see_obstacles(ObstacleSource::Planner, known, now, valid_nanos);
+    }
+
     /// Drives the base until `now`; the gate decides anew every [`SLICE_NANOS`].
     ///
     /// # Errors

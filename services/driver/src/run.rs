@@ -137,7 +137,7 @@ impl<'a, B: Base> Plant<'a, B> {
             robot,
             states: ports.sink()?,
             truths: ports.sink()?,
-            seen: Seen::open(ports, identity.epoch, settings.run.period_nanos)?,
+            seen: Seen::open(ports, identity.epoch, settings)?,
             commands,
             credits: ports.source(Since::Joining)?,
             pulse: Pulse::new(ports, Participant::Plant)?.exposed(settings.run.exposure),
@@ -297,6 +297,7 @@ impl<'a, B: Base> Plant<'a, B> {
         self.pulse.count_sink(&self.states);
         self.pulse.count_sink(&self.truths);
         self.pulse.count_sink(self.seen.sink());
+        self.pulse.count_source(Topic::Obstacles, self.seen.planned());
         if self.seen.overflows {
             let text = "more than 64 obstacles: the last ones are ignored";
             self.pulse.health().set_last_error(text);

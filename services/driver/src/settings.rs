@@ -1,5 +1,6 @@
 //! Settings of every driver, and of a process that is a driver.
 
+use crate::ScheduledList;
 use ::settings::{Check, Impossible};
 use process::{HasRun, Run};
 use robot::{ImpossibleMap, Map, Robot, Surroundings};
@@ -25,6 +26,8 @@ pub struct Settings<'a> {
     pub armed: bool,
     /// Shapes of the map. With them, also empty ones, the gate slows the robot before obstacles.
     pub surroundings: Option<&'a Surroundings>,
+    /// Lists of obstacles that a planner is taken to send at their times.
+    pub lists: &'a [ScheduledList],
 }
 
 impl Settings<'_> {
@@ -41,6 +44,7 @@ impl Check for Settings<'_> {
             let expected = format!("at most {LINK_DELAY_MILLIS_MAX} ms");
             return Err(Impossible::new("link_delay_millis", expected));
         }
+        ScheduledList::check(self.lists)?;
         if !(self.duration_s.is_finite() && self.duration_s > 0.0) {
             let expected = "a finite number of seconds greater than 0";
             return Err(Impossible::new("duration_s", expected));
@@ -91,6 +95,9 @@ pub struct ProgramSettings<S> {
     /// Known obstacles, zones and the border of the area.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map: Option<Map>,
+    /// Lists of obstacles that a planner is taken to send at their times.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lists: Vec<ScheduledList>,
     /// Settings of the base: `[driver.settings]` of the graph file.
     pub base: S,
 }
@@ -106,6 +113,7 @@ impl<S> ProgramSettings<S> {
             robot: &self.robot,
             armed: self.armed,
             surroundings,
+            lists: &self.lists,
         }
     }
 

@@ -47,6 +47,7 @@ fn each_velocity_has_the_time_for_which_it_may_act() -> Result<(), BaseError> {
         robot: &robot,
         armed: true,
         surroundings: None,
+        lists: &[],
     };
     let base = Remembering::default();
     let calls = Rc::clone(&base.0);

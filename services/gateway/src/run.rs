@@ -3,13 +3,14 @@
 use crate::addresses;
 use crate::page::{Feed, Page, PageError};
 use crate::settings::{Rates, Settings};
-use crate::topic_relay::{HealthRelay, TopicRelay};
+use crate::topic_relay::{KindsRelay, TopicRelay};
 use network::Breach;
 use network::telemetry::{Publisher, TelemetryError, TelemetrySettings};
 use process::requests::Answers;
 use process::{Pulse, Stop};
 use protocol::message::{
-    Goal, ModelSnapshot, Obstacles, Participant, Phase, Plan, PlantState, ResidualSample, Truth,
+    Goal, Health, ModelSnapshot, ObstacleSource, Obstacles, Participant, Phase, Plan, PlantState,
+    ResidualSample, Truth,
 };
 use protocol::topic::Topic;
 use std::thread;
@@ -144,12 +145,12 @@ struct Relay {
     /// The gateway sleeps on this topic. The plan is published after the command, so that no
     /// wake-up disturbs the computation of an answer.
     plans: TopicRelay<Plan>,
-    healths: HealthRelay,
+    healths: KindsRelay<Health, { Participant::ALL.len() }>,
     residuals: TopicRelay<ResidualSample>,
     snapshots: TopicRelay<ModelSnapshot>,
     truths: TopicRelay<Truth>,
     goals: TopicRelay<Goal>,
-    obstacles: TopicRelay<Obstacles>,
+    obstacles: KindsRelay<Obstacles, { ObstacleSource::ALL.len() }>,
 }
 
 impl Relay {
@@ -157,12 +158,12 @@ impl Relay {
         Ok(Self {
             states: TopicRelay::open(ports, rates.state)?,
             plans: TopicRelay::open(ports, rates.plan)?,
-            healths: HealthRelay::open(ports, rates.health)?,
+            healths: KindsRelay::open(ports, rates.health, |health: &Health| health.participant)?,
             residuals: TopicRelay::open(ports, rates.residual)?,
             snapshots: TopicRelay::open(ports, rates.snapshot)?,
             truths: TopicRelay::open(ports, rates.truth)?,
             goals: TopicRelay::open(ports, rates.goal)?,
-            obstacles: TopicRelay::open(ports, rates.obstacles)?,
+            obstacles: KindsRelay::open(ports, rates.obstacles, |list: &Obstacles| list.source)?,
         })
     }
 
@@ -184,7 +185,11 @@ impl Relay {
         let snapshot = self.snapshots.pass(now, publisher)?;
         self.truths.pass(now, publisher)?;
         let goal = self.goals.pass(now, publisher)?;
-        let obstacles = self.obstacles.pass(now, publisher)?;
+        self.obstacles.pass(now, publisher, |list| {
+            if let Some(page) = &mut page {
+                page.hear_obstacles(list);
+            }
+        })?;
         if let Some(page) = page {
             if let Some(state) = &state {
                 page.hear_state(state);
@@ -194,9 +199,6 @@ impl Relay {
             }
             if let Some(goal) = &goal {
                 page.hear_goal(goal);
-            }
-            if let Some(obstacles) = &obstacles {
-                page.hear_obstacles(obstacles);
             }
             if let Some(snapshot) = &snapshot {
                 page.hear_snapshot(snapshot);

@@ -3,7 +3,6 @@
 use crate::run::GatewayError;
 use crate::settings::Rates;
 use network::telemetry::Publisher;
-use protocol::message::{Health, Participant};
 use protocol::topic::OnTopic;
 use std::time::{Duration, Instant};
 use transport::{OpenError, Ports, ReceiveError, Source, Tally};
@@ -42,46 +41,49 @@ impl<T: OnTopic> TopicRelay<T> {
     }
 }
 
-/// The relay of Health, the one topic with many writers: each is relayed at its own turn.
-pub(crate) struct HealthRelay {
-    source: Source<Health>,
+/// The relay of a topic whose messages are of several kinds, such as Health of each process: the
+/// newest of each kind is relayed.
+pub(crate) struct KindsRelay<T, const KINDS: usize> {
+    source: Source<T>,
     turn: Turn,
-    newest: [Option<Health>; Participant::ALL.len()],
+    kind: fn(&T) -> u32,
+    newest: [Option<Box<T>>; KINDS],
 }
 
-impl HealthRelay {
-    /// Subscribes to Health of all processes passively, to relay each at `rate` \[Hz\].
-    pub(crate) fn open(ports: &Ports, rate: f64) -> Result<Self, OpenError> {
+impl<T: OnTopic, const KINDS: usize> KindsRelay<T, KINDS> {
+    /// Subscribes to the topic of `T` passively, to relay each kind at `rate` \[Hz\].
+    pub(crate) fn open(ports: &Ports, rate: f64, kind: fn(&T) -> u32) -> Result<Self, OpenError> {
         Ok(Self {
             source: ports.watcher()?,
             turn: Turn::new(Rates::interval(rate)),
-            newest: [None; Participant::ALL.len()],
+            kind,
+            newest: std::array::from_fn(|_| None),
         })
     }
 
-    /// Receives all messages, and publishes the newest of each process if it is time. `shown`
-    /// receives each published message.
+    /// Receives all messages, and publishes the newest of each kind if it is time. `shown` receives
+    /// each published message.
     pub(crate) fn pass(
         &mut self,
         now: Instant,
         publisher: &mut Publisher,
-        mut shown: impl FnMut(&Health),
+        mut shown: impl FnMut(&T),
     ) -> Result<(), GatewayError> {
         self.take_in()?;
         if !self.turn.has_come(now) || self.newest.iter().all(Option::is_none) {
             return Ok(());
         }
         self.turn.taken(now);
-        self.newest.iter_mut().filter_map(Option::take).try_for_each(|health| {
-            shown(&health);
-            Ok(publisher.publish(&health)?)
+        self.newest.iter_mut().filter_map(Option::take).try_for_each(|message| {
+            shown(&message);
+            Ok(publisher.publish(&*message)?)
         })
     }
 
     fn take_in(&mut self) -> Result<(), ReceiveError> {
-        while let Some(health) = self.source.next()? {
-            if let Some(place) = self.newest.get_mut(health.participant as usize) {
-                *place = Some(health);
+        while let Some(message) = self.source.next()? {
+            if let Some(place) = self.newest.get_mut((self.kind)(&message) as usize) {
+                *place = Some(Box::new(message));
             }
         }
         Ok(())

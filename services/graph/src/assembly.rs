@@ -288,6 +288,7 @@ impl Assembly {
             program: self.scenario.world.clone(),
             map: self.map.clone(),
             obstacles: self.scenario.obstacles.clone(),
+            lists: self.scenario.lists.clone(),
         }
     }
 
@@ -302,6 +303,7 @@ impl Assembly {
             run,
             robot: self.robot,
             map: self.map.clone(),
+            lists: self.scenario.lists.clone(),
             base,
         }
     }
@@ -337,10 +339,13 @@ impl Assembly {
         }
     }
 
-    /// Whether lists of obstacles can arrive. In lock step only a simulator sends them for sure.
+    /// Whether lists of obstacles can arrive: in real time always, from a planner. In lock step only
+    /// a simulator sends them for sure.
     fn sees_obstacles(&self) -> bool {
+        let Scenario { obstacles, lists, .. } = &self.scenario;
         let is_real = self.graph.driver.is_some() || self.graph.hosts.values().any(|it| it.driver);
-        if is_real { self.graph.pace == Pace::RealTime } else { self.scenario.obstacles.is_some() }
+        self.graph.pace == Pace::RealTime
+            || (!is_real && (obstacles.is_some() || !lists.is_empty()))
     }
 
     /// Settings of the gateway.

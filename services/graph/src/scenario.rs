@@ -3,8 +3,8 @@
 use controller::goal::schedule::{self, Scheduled};
 use controller::reference::{PLACE_MAX, Reference, ReferenceSettings, is_place};
 use controller::settings::MpcSettings;
-use driver::Start;
 use driver::piped::Program;
+use driver::{ScheduledList, Start};
 use learner::settings::LearnerSettings;
 use plant_sim::obstacles::ObstacleSettings;
 use plant_sim::truth::Truth;
@@ -56,6 +56,9 @@ pub struct Scenario {
     /// Obstacles of the simulated world, which the robot's sensor sees.
     #[serde(default)]
     pub obstacles: Option<ObstacleSettings>,
+    /// Lists of obstacles that a planner is taken to send at their times.
+    #[serde(default)]
+    pub lists: Vec<ScheduledList>,
 }
 
 /// Directory of the profiles. A world uses those of our own scenarios.
@@ -238,6 +241,7 @@ impl Check for Scenario {
         if let Some(obstacles) = &self.obstacles {
             obstacles.check().map_err(|impossible| impossible.under("obstacles"))?;
         }
+        ScheduledList::check(&self.lists)?;
         if self.truth.is_some() && self.world.is_some() {
             return Err(Impossible::new("world", "nothing beside [truth]: one world at a time"));
         }

@@ -15,9 +15,11 @@
 //! | `seat`       | [`Seat`]: pins a thread to its processor                                      |
 //! | `repeated`   | [`Repeated`]: events without end ▶ a few lines in the log                     |
 //! | [`requests`] | operator ▶ a running process: changes to its settings                         |
+//! | [`lists`]    | planner ▶ plant: lists of obstacles                                           |
 
 pub mod atomic_file;
 mod lifeline;
+pub mod lists;
 mod owner;
 mod priority;
 mod pulse;

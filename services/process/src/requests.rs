@@ -207,6 +207,11 @@ pub fn welcome(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder.join(FOLDER))
 }
 
+/// Whether the run in `folder` accepts requests.
+pub fn are_welcome(folder: &Path) -> bool {
+    folder.join(FOLDER).is_dir()
+}
+
 fn request_file(folder: &Path, role: Participant, number: u64) -> PathBuf {
     folder.join(FOLDER).join(format!("{}-{number:06}.json", role.text()))
 }

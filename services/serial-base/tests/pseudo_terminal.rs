@@ -79,6 +79,7 @@ fn settings(port: &std::path::Path) -> ProgramSettings<SerialSettings> {
         run: Run::new("/tmp", 20_000_000, links),
         robot: Robot::example(),
         map: None,
+        lists: vec![],
         // So fast that thousands of lines are due within a second.
         base: SerialSettings { port: port.to_owned(), baud: 4_000_000 },
     }

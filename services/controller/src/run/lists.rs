@@ -2,7 +2,7 @@
 
 use crate::control::Controller;
 use gate::list::{self, ImpossibleList};
-use protocol::message::{OBSTACLES_MAX, Obstacles};
+use protocol::message::{OBSTACLES_MAX, ObstacleSource, Obstacles};
 use robot::Obstacle;
 use transport::{OpenError, Ports, ReceiveError, Since, Source, Tally};
 
@@ -10,7 +10,7 @@ use transport::{OpenError, Ports, ReceiveError, Since, Source, Tally};
 pub(super) struct Lists {
     source: Source<Obstacles>,
     read: Vec<Obstacle>,
-    /// Epoch and tick of the newest list.
+    /// Epoch and tick of the newest list of the robot itself.
     newest: Option<(u64, u64)>,
 }
 
@@ -27,7 +27,9 @@ impl Lists {
         controller: &mut Controller,
     ) -> Result<Option<Result<(), ImpossibleList>>, ReceiveError> {
         let Some(list) = self.source.next()? else { return Ok(None) };
-        self.newest = self.newest.max(Some((list.plant_epoch, list.stamp.tick)));
+        if list.source() == ObstacleSource::Robot {
+            self.newest = self.newest.max(Some((list.plant_epoch, list.stamp.tick)));
+        }
         let read = list::read(&list, &mut self.read);
         if read.is_ok() {
             controller.see_obstacles(list.source(), &self.read, list.stamp.tick);
@@ -35,7 +37,8 @@ impl Lists {
         Ok(Some(read))
     }
 
-    /// Whether the list of this plant epoch and tick has arrived.
+    /// Whether the robot's own list of this plant epoch and tick has arrived. The plant sends it
+    /// behind that of a planner.
     pub(super) fn has(&self, plant_epoch: u64, tick: u64) -> bool {
         self.newest >= Some((plant_epoch, tick))
     }

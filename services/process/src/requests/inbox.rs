@@ -1,6 +1,6 @@
 //! The process's side: requests in order, and the replies.
 
-use super::{Answer, FOLDER, Outcome, Request, Settled, answer_file, answered, request_file};
+use super::{Answer, Outcome, Request, Settled, answer_file, answered, are_welcome, request_file};
 use crate::{HasRun, Pace, Run, atomic_file};
 use protocol::clock::monotonic_nanos;
 use protocol::message::Participant;
@@ -47,7 +47,7 @@ impl Inbox {
     /// Requests to the process of `role` in a run, after the last one with a reply.
     pub fn open(run: &Run, role: Participant) -> Self {
         let folder = run.folder.clone();
-        let open = folder.join(FOLDER).is_dir();
+        let open = are_welcome(&folder);
         let next = answered(&folder, role) + 1;
         Self { folder, role, pace: run.pace, open, next, user: 0, look_at: Instant::now() }
     }
