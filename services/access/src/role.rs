@@ -13,7 +13,7 @@ pub enum Role {
     Watcher,
     /// A person who gives goals, and stops and arms the robot, from anywhere.
     Operator,
-    /// A program that gives goals from anywhere.
+    /// A program that gives goals and lists of obstacles from anywhere.
     Planner,
 }
 

@@ -1,13 +1,14 @@
 //! Requests of operators and planners ▶ files in the run directory, and the replies back.
 //!
-//! | role     | plant             | controller |
-//! |----------|-------------------|------------|
-//! | operator | arm, resume, stop | goals      |
-//! | planner  | –                 | goals      |
+//! | role     | plant              | controller |
+//! |----------|--------------------|------------|
+//! | operator | arm, resume, stop  | goals      |
+//! | planner  | lists of obstacles | goals      |
 //!
 //! Each cell of the table has its own queue and thread, so that a flood of goals delays no stop. A
-//! request takes the same way as one on this machine ([`process::requests`]): the process decides,
-//! and replies in a file.
+//! request takes the same way as one on this machine. Orders and goals are files: the process
+//! decides, and replies in a file ([`process::requests`]). Lists go to the socket of the plant
+//! ([`process::lists`]).
 
 use crate::run::BridgeError;
 use crate::settings::Settings;
@@ -15,6 +16,7 @@ use access::Role;
 use network::keeps_strangers_out;
 use network::requests::{Received, Requests};
 use process::Stop;
+use process::lists::{Lists, Verdict};
 use process::requests::{Request, Settlement, ask, is_goal};
 use protocol::message::Participant;
 use std::path::Path;
@@ -25,9 +27,10 @@ use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
 /// The cells of the table.
-const PERMITTED: [(Role, Participant); 3] = [
+const PERMITTED: [(Role, Participant); 4] = [
     (Role::Operator, Participant::Plant),
     (Role::Operator, Participant::Controller),
+    (Role::Planner, Participant::Plant),
     (Role::Planner, Participant::Controller),
 ];
 /// Number of requests that may wait in a queue.
@@ -57,13 +60,20 @@ impl Endpoint {
         else {
             return Ok(None);
         };
-        let folder = settings.run.folder.as_path();
+        let (folder, links) = (settings.run.folder.as_path(), settings.run.links.root.as_path());
         let mut queues = Vec::new();
         for (role, to) in PERMITTED.into_iter().filter(|(_, to)| settings.processes.contains(to)) {
             let (sender, waiting) = sync_channel(WAITING_MAX);
+            let has_lists = role == Role::Planner && to == Participant::Plant;
             thread::Builder::new()
                 .name(format!("{role} to {to}"))
-                .spawn_scoped(scope, move || process_all(folder, &waiting, stop))
+                .spawn_scoped(scope, move || {
+                    if has_lists {
+                        forward_all(links, &waiting, stop);
+                    } else {
+                        process_all(folder, &waiting, stop);
+                    }
+                })
                 .map_err(|_| BridgeError::Thread("cannot be started"))?;
             queues.push(Queue { role, to, sender });
         }
@@ -133,6 +143,25 @@ fn process_all(folder: &Path, waiting: &Receiver<Received>, stop: &Stop) {
                 last = Some(Instant::now());
                 process_one(folder, request, stop);
             }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+    }
+}
+
+/// Passes the lists of one queue to the plant, whose links are in `root`, until the end.
+fn forward_all(root: &Path, waiting: &Receiver<Received>, stop: &Stop) {
+    let mut lists = Lists::new(root);
+    while !stop.requested() {
+        match waiting.recv_timeout(LOOK) {
+            Ok(received) => match lists.send(&received.text) {
+                Ok(Verdict::Rejected { reason }) => received.reject(&reason),
+                Ok(accepted) => match serde_json::to_vec(&accepted) {
+                    Ok(reply) => received.reply(&reply),
+                    Err(error) => received.reject(&error.to_string()),
+                },
+                Err(error) => received.reject(&format!("the plant cannot be reached: {error}")),
+            },
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
         }

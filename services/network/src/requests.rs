@@ -5,8 +5,9 @@
 //! | part        | contents                                                                |
 //! |-------------|-------------------------------------------------------------------------|
 //! | key         | `coxswain-request/<robot>/<role>/<process>`                             |
-//! | payload     | text: the `change` of a request file (`process::requests`)              |
-//! | reply       | the outcome as JSON, as in the file of the reply                        |
+//! | payload     | text: the `change` of a request file (`process::requests`), or a list   |
+//! |             | of obstacles (`process::lists`)                                         |
+//! | reply       | the outcome as JSON, as in the file of the reply or on the socket       |
 //! | error reply | text: why the bridge rejects the request                                |
 //!
 //! Access control lets a role use its own key alone ([`access::of_requests`]).
