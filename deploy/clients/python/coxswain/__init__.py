@@ -14,13 +14,15 @@
 The driver keeps the duties of protocol/WIRE.md: it publishes states, checks commands, plays the
 stored trajectory, brakes, and reports its health.
 
-`Goals` sends a robot to poses, from the machine of its launch (goals.py).
+`Goals` sends a robot to poses, and `Obstacles` tells what is in its way, from the machine of its
+launch (goals.py, obstacles.py).
 """
 
 from .base import Base, Sensors
 from .driver import Driver, arguments, main
 from .gate import Gate, Limits
 from .goals import GoalError, Goals, Launch, running_launch, running_launches
+from .obstacles import Obstacles, ObstaclesError
 from .wire import Vector
 
 __all__ = [
@@ -31,6 +33,8 @@ __all__ = [
     "Goals",
     "Launch",
     "Limits",
+    "Obstacles",
+    "ObstaclesError",
     "Sensors",
     "Vector",
     "arguments",

@@ -42,6 +42,8 @@ class Launch:
     """Its run directory."""
     endpoints: tuple[str, ...]
     """Of its gateway; empty without one."""
+    links: Path
+    """The directory of its links."""
 
 
 def running_launches() -> list[Launch]:
@@ -59,7 +61,7 @@ def running_launches() -> list[Launch]:
             continue
         telemetry = graph / "telemetry"
         endpoints = telemetry.read_text().split() if telemetry.exists() else []
-        found.append(Launch(run, tuple(endpoints)))
+        found.append(Launch(run, tuple(endpoints), graph))
     return found
 
 
