@@ -11,7 +11,7 @@
 //! | `settings` | every TOML file                                                              |
 //! | `records`  | points of a reference, records, summaries, bags of ROS 2                     |
 //! | `serial`   | lines of a base at a serial port                                             |
-//! | `others`   | what browsers and `coxswain set` ask for, who launched a graph, certificates |
+//! | `others`   | requests of browsers, `coxswain set` and planners, launchers, certificates   |
 
 mod messages;
 mod others;
@@ -41,7 +41,7 @@ pub type Verdict = Result<Fate, String>;
 pub type Decoder = fn(&[u8]) -> Verdict;
 
 /// Every decoder, by name.
-pub const ALL: [(&str, Decoder); 25] = [
+pub const ALL: [(&str, Decoder); 26] = [
     ("frame", messages::frame),
     ("wire", messages::wire),
     ("snapshot_file", messages::snapshot_file),
@@ -65,6 +65,7 @@ pub const ALL: [(&str, Decoder); 25] = [
     ("launcher", others::launcher),
     ("change", others::change),
     ("set_request", others::set_request),
+    ("planner_list", others::planner_list),
     ("certificate", others::certificate),
     ("serial_line", serial::line),
 ];

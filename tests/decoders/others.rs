@@ -1,9 +1,10 @@
-//! Requests of browsers to the live page, requests of a person to a driving controller, the file
-//! that names a graph's launcher, and certificates.
+//! Requests of browsers to the live page, requests of a person to a driving controller, lists of
+//! planners, the file that names a graph's launcher, and certificates.
 
 use super::{Fate, Verdict, corpus, promise, refused};
 use access::{Certificate, valid_until};
 use controller::control::tuning::RULES;
+use driver::PlannerList;
 use process::requests::{Inbox, NotAsked, welcome};
 use process::{Pace, read_settings};
 use protocol::message::Participant;
@@ -88,6 +89,23 @@ pub(super) fn set_request(bytes: &[u8]) -> Verdict {
         Some(Err(NotAsked::LockStep)) => Err("this is real time".into()),
         Some(Err(error)) => refused(&error.to_string()),
         Some(Ok(request)) => change(request.change.as_bytes()),
+    }
+}
+
+/// A list of a planner is refused with its error, or becomes a message of finite numbers.
+pub(super) fn planner_list(bytes: &[u8]) -> Verdict {
+    let list: PlannerList = match serde_json::from_slice(bytes) {
+        Ok(list) => list,
+        Err(error) => return refused(&error.to_string()),
+    };
+    match list.message() {
+        Err(error) => refused(&error.to_string()),
+        Ok(message) => {
+            let rows = message.rows();
+            promise(rows.len() == list.obstacles.len(), || format!("{} obstacles", rows.len()))?;
+            promise(rows.iter().flatten().all(|value| value.is_finite()), || "not finite".into())?;
+            Ok(Fate::Used)
+        }
     }
 }
 

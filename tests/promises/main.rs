@@ -24,6 +24,7 @@ mod obstacles;
 mod offline;
 mod oracle_judges;
 mod page_attacks;
+mod planner_lists;
 mod python_clients;
 mod python_robot;
 mod references;

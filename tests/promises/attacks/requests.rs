@@ -1,5 +1,5 @@
-//! Requests from other machines: operators stop the robot and give goals, planners give goals, and
-//! all other peers are refused.
+//! Requests from other machines: operators stop the robot and give goals, planners give goals and
+//! lists of obstacles, and all other peers are refused.
 
 use super::session::{Certificates, Failure, ROBOT, Shows, connect, host, print, strangers};
 use access::Role;
@@ -10,7 +10,7 @@ use motion::limits::Stated;
 use network::requests::{RequestError, Requester};
 use promises::oracle::{Limits, acquit};
 use promises::{
-    Launched, Outcome, Record, binaries, graph_with, launch_command, signal, wait_until,
+    Launched, Message, Outcome, Record, binaries, graph_with, launch_command, signal, wait_until,
 };
 use protocol::message::Participant;
 use rustix::process::Signal;
@@ -118,7 +118,7 @@ fn an_operator_on_another_machine_gives_goals_and_stops_the_robot() -> Outcome {
 }
 
 #[test]
-fn a_planner_gives_goals_and_does_nothing_else() -> Outcome {
+fn a_planner_gives_goals_and_neither_stops_the_robot_nor_changes_settings() -> Outcome {
     let reached = Reached::new()?;
     let (planner, operator) =
         (reached.requester(&Role::Planner)?, reached.requester(&Role::Operator)?);
@@ -158,7 +158,8 @@ fn nobody_else_requests_anything() -> Outcome {
     for (name, shows) in &peers {
         let Ok(session) = connect(&reached.endpoint, shows) else { continue };
         print(format_args!("{name}: a session"));
-        for key in ["operator/plant", "*/plant", "operator/*", "**"] {
+        let of_planners: &[&str] = if *name == "planner" { &[] } else { &["planner/plant"] };
+        for key in ["operator/plant", "*/plant", "operator/*", "**"].iter().chain(of_planners) {
             let key = format!("coxswain-request/{ROBOT}/{key}");
             let asked = session.get(key).payload("stop").timeout(Duration::from_secs(1)).wait();
             replies += asked.map_or(0, |answers| answers.iter().count());
@@ -177,6 +178,34 @@ fn nobody_else_requests_anything() -> Outcome {
     assert_eq!((names("plant-")?, names("controller-")?), (0, 2), "request and reply of one goal");
     let record = reached.end()?;
     assert!(!gates(&record).contains(&"stopped".to_owned()));
+    Ok(())
+}
+
+#[test]
+fn a_list_of_obstacles_acts_only_if_it_comes_from_a_planner_and_is_correct() -> Outcome {
+    let reached = Reached::new()?;
+    let (planner, operator) =
+        (reached.requester(&Role::Planner)?, reached.requester(&Role::Operator)?);
+    let list =
+        |x: f64| format!("{{\"valid_s\": 600, \"obstacles\": [{{\"corners_m\": [[{x}, 0]]}}]}}");
+    planner.ask(Participant::Plant, &list(50.0))?;
+    for bad in ["nonsense", "stop\n", "[]", &list(1e9), &" ".repeat(1 << 17)] {
+        let outcome = planner.ask(Participant::Plant, bad);
+        assert!(matches!(outcome, Err(RequestError::Rejected(_))), "{outcome:?}");
+    }
+    let reply: serde_json::Value =
+        serde_json::from_slice(&operator.ask(Participant::Plant, &list(60.0))?)?;
+    assert_eq!(reply["outcome"], "refused", "an operator sends orders alone: {reply}");
+    // Ten times as fast as a planner is expected to be.
+    for number in 0..200 {
+        planner.ask(Participant::Plant, &list(50.0 + f64::from(number)))?;
+    }
+    let record = reached.end()?;
+    assert!(record.of("obstacles").all(|list| list.word("source") == "planner"));
+    let x = |list: &Message| list.says["obstacles"][0][3].as_f64();
+    let places: Vec<f64> = record.of("obstacles").filter_map(x).collect();
+    assert_eq!(places.last(), Some(&249.0), "the newest one wins: {places:?}");
+    assert!(!places.contains(&60.0) && places.is_sorted(), "{places:?}");
     Ok(())
 }
 
