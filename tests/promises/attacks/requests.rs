@@ -200,6 +200,8 @@ fn a_list_of_obstacles_acts_only_if_it_comes_from_a_planner_and_is_correct() -> 
     for number in 0..200 {
         planner.ask(Participant::Plant, &list(50.0 + f64::from(number)))?;
     }
+    // The last one acts from the next period on.
+    thread::sleep(Duration::from_secs(1));
     let record = reached.end()?;
     assert!(record.of("obstacles").all(|list| list.word("source") == "planner"));
     let x = |list: &Message| list.says["obstacles"][0][3].as_f64();
