@@ -196,7 +196,7 @@ fn a_list_of_obstacles_acts_only_if_it_comes_from_a_planner_and_is_correct() -> 
     let reply: serde_json::Value =
         serde_json::from_slice(&operator.ask(Participant::Plant, &list(60.0))?)?;
     assert_eq!(reply["outcome"], "refused", "an operator sends orders alone: {reply}");
-    // Ten times as fast as a planner is expected to be.
+    // As fast as the session allows.
     for number in 0..200 {
         planner.ask(Participant::Plant, &list(50.0 + f64::from(number)))?;
     }
