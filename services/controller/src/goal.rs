@@ -119,6 +119,12 @@ pub enum GoalError {
         /// Time for which it was to be valid \[s\].
         valid_s: f64,
     },
+    /// A later request has been followed already.
+    #[error("the goal is out of date: it was requested {by_s:.3} s before the present one")]
+    OutOfDate {
+        /// Time between both requests \[s\].
+        by_s: f64,
+    },
     /// It is given at no time.
     #[error("at_s = {at_s}: expected a finite number of seconds, 0 or more")]
     Schedule {

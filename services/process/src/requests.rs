@@ -176,6 +176,14 @@ impl Request {
         SystemTime::now().duration_since(asked).unwrap_or_default()
     }
 
+    /// Time by which it was made before the request of `present_unix_nanos`; `None` if it was not.
+    /// A request from the future, made before the clock was set back, has no order.
+    pub fn made_before(&self, present_unix_nanos: u64) -> Option<Duration> {
+        let present = SystemTime::UNIX_EPOCH + Duration::from_nanos(present_unix_nanos);
+        let by = present_unix_nanos.checked_sub(self.asked_unix_nanos)?;
+        (by > 0 && present <= SystemTime::now()).then(|| Duration::from_nanos(by))
+    }
+
     /// Whether it is a goal.
     pub fn is_goal(&self) -> bool {
         is_goal(&self.change)

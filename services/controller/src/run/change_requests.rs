@@ -48,6 +48,8 @@ pub(super) struct ChangeRequests {
     /// Settings in use.
     settings: Settings,
     under_way: Option<UnderWay>,
+    /// Time of the request of the last goal that was followed, since 1970 \[ns\].
+    followed_unix_nanos: u64,
     /// In real time, the goals of the scenario.
     schedule: Schedule,
     /// In real time, the way to the present goal.
@@ -68,6 +70,7 @@ impl ChangeRequests {
             inbox: Inbox::open(&settings.run, Participant::Controller),
             settings: settings.clone(),
             under_way: earlier.flatten().map(UnderWay::Goal),
+            followed_unix_nanos: 0,
             schedule: Schedule::new(goals, settings.run.period_nanos as f64 * 1e-9),
             keeper: Keeper::default(),
             real_time,
@@ -122,6 +125,10 @@ impl ChangeRequests {
     ) -> Result<UnderWay, Refusal> {
         let request = request?;
         if request.is_goal() {
+            // A planner that hung, or a slow network, can deliver it late.
+            if let Some(by) = request.made_before(self.followed_unix_nanos) {
+                return Err(GoalError::OutOfDate { by_s: by.as_secs_f64() }.into());
+            }
             let goal = GoalUnderWay::new(&request, self.inbox.number(), taken_at_tick)?;
             return Ok(UnderWay::Goal(goal));
         }
@@ -159,6 +166,9 @@ impl ChangeRequests {
         let Some(UnderWay::Goal(goal)) = &mut self.under_way else { return };
         let progress = goal.carry_on(handover, &self.settings, &mut self.keeper);
         let (origin, taken_at_tick) = (goal.origin(), goal.taken_at_tick());
+        if let (Ok(Progress::Followed { .. }), Some(asked)) = (&progress, goal.asked_unix_nanos()) {
+            self.followed_unix_nanos = asked;
+        }
         match progress {
             Ok(Progress::Waits) => return,
             Ok(Progress::Stays) => {}

@@ -159,3 +159,15 @@ fn a_run_without_a_request_directory_accepts_no_request() -> Result<(), Box<dyn 
     assert!(refused.as_ref().is_err_and(|refused| refused.contains("set")), "{refused:?}");
     Ok(())
 }
+
+#[test]
+fn of_two_requests_the_one_made_before_is_known_unless_the_clock_was_set_back() {
+    let now = Request::new("ada", "x").asked_unix_nanos;
+    let made = |asked_unix_nanos| Request { asked_unix_nanos, ..request("x") };
+    assert_eq!(made(now - 9).made_before(now), Some(Duration::from_nanos(9)));
+    assert_eq!(made(now).made_before(now), None);
+    assert_eq!(made(now + 9).made_before(now), None);
+    assert_eq!(made(now - 9).made_before(0), None);
+    // The present one was made by a clock that ran fast, before it was set back.
+    assert_eq!(made(now).made_before(now + 60_000_000_000), None);
+}

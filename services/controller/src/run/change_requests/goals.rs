@@ -20,6 +20,8 @@ pub(super) struct GoalUnderWay {
     request: Option<GoalRequest>,
     id: u64,
     origin: Origin,
+    /// Time of its request since 1970, if an operator or a planner made one \[ns\].
+    asked_unix_nanos: Option<u64>,
     /// Poses of the course that the control thread has.
     way: Vec<Pose>,
     taken_at_tick: u64,
@@ -69,17 +71,19 @@ impl GoalUnderWay {
     pub(super) fn new(request: &Request, id: u64, taken_at_tick: u64) -> Result<Self, GoalError> {
         let goal = GoalRequest::parse(&request.change)?;
         goal.check_age(request.age().as_secs_f64())?;
-        Ok(Self::of(goal, id, Origin::Operator, taken_at_tick))
+        let asked_unix_nanos = Some(request.asked_unix_nanos);
+        Ok(Self { asked_unix_nanos, ..Self::of(goal, id, Origin::Operator, taken_at_tick) })
     }
 
     /// A goal of before a restart. A robot on the way to a pose drives there again. One on a path,
     /// or with a velocity, stands: what remains of it is not known.
     pub(super) fn again(request: &Request, id: u64) -> Option<Self> {
+        let asked_unix_nanos = Some(request.asked_unix_nanos);
         let mut request = GoalRequest::parse(&request.change).ok()?;
         if !matches!(request.goal, Demand::Pose { .. }) {
             request.goal = Demand::Hold {};
         }
-        Some(Self::of(request, id, Origin::Earlier, 0))
+        Some(Self { asked_unix_nanos, ..Self::of(request, id, Origin::Earlier, 0) })
     }
 
     pub(super) fn of(request: GoalRequest, id: u64, origin: Origin, taken_at_tick: u64) -> Self {
@@ -92,6 +96,7 @@ impl GoalUnderWay {
             request: None,
             id: 0,
             origin: Origin::Review,
+            asked_unix_nanos: None,
             way: Vec::new(),
             taken_at_tick,
             stage: Stage::New,
@@ -126,6 +131,10 @@ impl GoalUnderWay {
 
     pub(super) fn origin(&self) -> Origin {
         self.origin
+    }
+
+    pub(super) fn asked_unix_nanos(&self) -> Option<u64> {
+        self.asked_unix_nanos
     }
 
     pub(super) fn taken_at_tick(&self) -> u64 {
