@@ -13,7 +13,7 @@ impl Base for World {
             current: Some(measured.current),
             // Like a driver that knows no dead time: the controller identifies it.
             input_delay_s: 0.0,
-            estop: false,
+            estop: self.is_emergency_stop_pressed(),
         })
     }
 

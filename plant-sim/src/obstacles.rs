@@ -9,6 +9,8 @@ use settings::{Check, Impossible};
 
 /// Largest range of a sensor, and speed of an obstacle.
 const LARGEST: f64 = 1e3;
+/// Latest time at which one appears or turns round \[s\].
+const TIME_MAX_S: f64 = 1e6;
 
 /// The obstacles, and how the robot sees them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,11 +20,14 @@ pub struct ObstacleSettings {
     pub range_m: f64,
     /// The obstacles.
     pub list: Vec<Moving>,
+    /// Discs that appear beside or on the robot.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub appearing: Vec<Appearing>,
 }
 
 impl Default for ObstacleSettings {
     fn default() -> Self {
-        Self { range_m: 5.0, list: Vec::new() }
+        Self { range_m: 5.0, list: Vec::new(), appearing: Vec::new() }
     }
 }
 
@@ -41,6 +46,20 @@ pub struct Moving {
     /// Time after which it turns round, each time \[s\]; by default it never does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turns_after_s: Option<f64>,
+}
+
+/// A disc that appears at a place seen from the robot, and stands there for a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Appearing {
+    /// Its centre when it appears: forward and left of the robot's centre \[m\].
+    pub at_m: Point,
+    /// Its radius \[m\].
+    pub radius_m: f64,
+    /// Begin \[s\].
+    pub from_s: f64,
+    /// End \[s\].
+    pub until_s: f64,
 }
 
 /// An obstacle that does not exist.
@@ -77,7 +96,7 @@ impl ObstacleSettings {
             if !one.velocity_mps.iter().all(|velocity| velocity.abs() <= LARGEST) {
                 return impossible(key("velocity_mps"), "two numbers from -1000 to 1000 m/s");
             }
-            if !one.turns_after_s.is_none_or(|time| (1e-3..=1e6).contains(&time)) {
+            if !one.turns_after_s.is_none_or(|time| (1e-3..=TIME_MAX_S).contains(&time)) {
                 return impossible(key("turns_after_s"), "0.001 to 1000000 s");
             }
             moving.push((
@@ -85,13 +104,27 @@ impl ObstacleSettings {
                 one.turns_after_s.unwrap_or(f64::INFINITY),
             ));
         }
-        Ok(Crowd { moving, range_m: self.range_m })
+        let mut appearing = Vec::with_capacity(self.appearing.len());
+        for (index, one) in self.appearing.iter().enumerate() {
+            let key = |key| format!("appearing[{index}].{key}");
+            if !one.at_m.iter().all(|place| place.abs() <= LARGEST) {
+                return impossible(key("at_m"), "two numbers from -1000 to 1000 m");
+            }
+            if !(0.0..=LARGEST).contains(&one.radius_m) {
+                return impossible(key("radius_m"), "0 to 1000 m");
+            }
+            if !(0.0..one.until_s.min(TIME_MAX_S)).contains(&one.from_s) {
+                return impossible(key("from_s"), "a time that is not negative, before until_s");
+            }
+            appearing.push((*one, None));
+        }
+        Ok(Crowd { moving, appearing, range_m: self.range_m })
     }
 }
 
 impl Check for ObstacleSettings {
     fn check(&self) -> Result<(), Impossible> {
-        if self.list.len() > OBSTACLES_MAX {
+        if self.list.len() + self.appearing.len() > OBSTACLES_MAX {
             return Err(Impossible::new("list", format!("at most {OBSTACLES_MAX} obstacles")));
         }
         self.crowd().map(drop).map_err(|error| match error {
@@ -108,10 +141,31 @@ impl Check for ObstacleSettings {
 pub struct Crowd {
     /// At the start, and the time after which it turns round \[s\].
     moving: Vec<(Obstacle, f64)>,
+    /// With its place in the world, from its begin on.
+    appearing: Vec<(Appearing, Option<Obstacle>)>,
     range_m: f64,
 }
 
 impl Crowd {
+    /// Lets what is due at `seconds` after the start appear at a robot at `pose`.
+    fn appear(&mut self, seconds: f64, pose: &[f64; 3]) {
+        let (sin, cos) = pose[2].sin_cos();
+        for (one, place) in &mut self.appearing {
+            if place.is_none() && (one.from_s..one.until_s).contains(&seconds) {
+                let [ahead, left] = one.at_m;
+                let centre =
+                    [pose[0] + cos * ahead - sin * left, pose[1] + sin * ahead + cos * left];
+                *place = Shape::hull(&[centre], one.radius_m).map(Obstacle::standing).ok();
+            }
+        }
+    }
+
+    /// What has appeared and is there at `seconds` after the start.
+    fn appeared(&self, seconds: f64) -> impl Iterator<Item = Obstacle> {
+        let there = self.appearing.iter().filter(move |(one, _)| seconds < one.until_s);
+        there.filter_map(|(_, place)| *place)
+    }
+
     /// Every obstacle at `seconds` after the start \[s\].
     pub fn at(&self, seconds: f64) -> impl Iterator<Item = Obstacle> {
         self.moving.iter().map(move |(obstacle, turns_after)| {
@@ -143,7 +197,7 @@ pub struct Among<B> {
 impl<B> Among<B> {
     /// `base` among `crowd`.
     pub fn new(base: B, crowd: Crowd) -> Self {
-        let seen = Vec::with_capacity(crowd.moving.len());
+        let seen = Vec::with_capacity(crowd.moving.len() + crowd.appearing.len());
         Self { base, crowd, nanos: 0, seen }
     }
 }
@@ -154,9 +208,9 @@ impl<B: Base> Base for Among<B> {
         let pose = self.base.truth().map_or(sensors.pose, |truth| truth.pose);
         let centre = Shape::rectangle(0.0, 0.0).placed(&pose);
         self.seen.clear();
-        let near = self
-            .crowd
-            .at(self.nanos as f64 * 1e-9)
+        let seconds = self.nanos as f64 * 1e-9;
+        self.crowd.appear(seconds, &pose);
+        let near = (self.crowd.at(seconds).chain(self.crowd.appeared(seconds)))
             .filter(|one| centre.separation(&one.shape).distance_m <= self.crowd.range_m);
         self.seen.extend(near);
         Ok(sensors)
@@ -204,6 +258,26 @@ mod tests {
         assert_eq!(at(1.0), [(1.5, 0.5)]);
         assert_eq!(at(3.0), [(1.5, -0.5)]);
         assert_eq!(at(4.0), [(1.0, 0.5)]);
+        Ok(())
+    }
+
+    #[test]
+    fn an_obstacle_appears_where_the_robot_is_and_stands_there() -> Result<(), ImpossibleObstacle> {
+        let one = Appearing { at_m: [1.0, 0.5], radius_m: 0.2, from_s: 2.0, until_s: 3.0 };
+        let settings = ObstacleSettings { appearing: vec![one], ..ObstacleSettings::default() };
+        let mut crowd = settings.crowd()?;
+        let mut seen = |seconds, pose| -> Vec<Point> {
+            crowd.appear(seconds, &pose);
+            crowd.appeared(seconds).map(|o| o.shape.corners()[0]).collect()
+        };
+        assert!(seen(1.9, [0.0; 3]).is_empty());
+        let there = seen(2.0, [4.0, 0.0, std::f64::consts::FRAC_PI_2]);
+        assert!((there[0][0] - 3.5).abs() < 1e-9 && (there[0][1] - 1.0).abs() < 1e-9, "{there:?}");
+        assert_eq!(seen(2.9, [9.0; 3]), there);
+        assert!(seen(3.0, [4.0, 0.0, 0.0]).is_empty());
+        let late = Appearing { from_s: 3.0, ..one };
+        let settings = ObstacleSettings { appearing: vec![late], ..ObstacleSettings::default() };
+        assert!(matches!(settings.crowd(), Err(ImpossibleObstacle::Value { .. })));
         Ok(())
     }
 

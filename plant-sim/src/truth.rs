@@ -44,8 +44,8 @@ mod world;
 
 pub use check::Impossible;
 pub use parameters::{
-    Fault, Patch, Payload, Push, RandomForce, Sensor, Slippery, Slope, Stuck, StuckSensor, Truth,
-    Wheel, WheelSlip,
+    Fault, Patch, Payload, Pressed, Push, RandomForce, Sensor, Slippery, Slope, Stuck, StuckSensor,
+    Truth, Wheel, WheelSlip,
 };
 pub use preview::Preview;
 pub use sensors::Measurement;

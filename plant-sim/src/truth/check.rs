@@ -190,6 +190,10 @@ impl Truth {
             not_negative(&format!("stuck.{index}.from_s"), stuck.from_s)?;
             later(&format!("stuck.{index}.until_s"), stuck.until_s, stuck.from_s)?;
         }
+        for (index, pressed) in self.pressed.iter().enumerate() {
+            not_negative(&format!("pressed.{index}.from_s"), pressed.from_s)?;
+            later(&format!("pressed.{index}.until_s"), pressed.until_s, pressed.from_s)?;
+        }
         Ok(())
     }
 

@@ -85,6 +85,9 @@ pub struct Truth {
     /// Sensors that are stuck for a time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stuck: Vec<Stuck>,
+    /// Times at which the emergency stop is pressed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pressed: Vec<Pressed>,
     /// Noise and quantisation of the sensors.
     pub sensor: Sensor,
 }
@@ -121,6 +124,7 @@ impl Default for Truth {
             faults: Vec::new(),
             slippery: Vec::new(),
             stuck: Vec::new(),
+            pressed: Vec::new(),
             sensor: Sensor::default(),
         }
     }
@@ -254,6 +258,17 @@ pub struct Slippery {
 pub struct Stuck {
     /// The sensor.
     pub sensor: StuckSensor,
+    /// Begin \[s\].
+    pub from_s: f64,
+    /// End \[s\]; absent is never.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until_s: Option<f64>,
+}
+
+/// An emergency stop that is pressed for a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pressed {
     /// Begin \[s\].
     pub from_s: f64,
     /// End \[s\]; absent is never.

@@ -1,5 +1,7 @@
 //! The true robot on one integer clock.
 
+use core::ops::Range;
+
 use driver::Start;
 use nalgebra::Vector3;
 use robot::PerWheel;
@@ -8,7 +10,7 @@ use super::delay::DelayLine;
 use super::disturbance::Disturbance;
 use super::motion::{Motion, motion};
 use super::parameters::Truth;
-use super::schedule::{Conditions, Schedule, nanos};
+use super::schedule::{Conditions, Schedule, nanos, window};
 use super::sensors::{Measurement, Sensors};
 
 /// Number of steps for which a random force is held: a millisecond.
@@ -56,6 +58,7 @@ pub struct World {
     disturbance: Disturbance,
     delay: DelayLine,
     sensors: Sensors,
+    pressed: Vec<Range<u64>>,
     conditions: Conditions,
     steps: u64,
     /// Requested time that is not yet simulated; less than a step.
@@ -87,6 +90,9 @@ impl World {
             disturbance,
             delay: DelayLine::new(delay_steps as usize),
             sensors: Sensors::new(truth, seed ^ SENSOR_STREAM),
+            pressed: (truth.pressed.iter())
+                .map(|pressed| window(pressed.from_s, pressed.until_s))
+                .collect(),
             conditions,
             steps: 0,
             owed_nanos: 0,
@@ -120,6 +126,12 @@ impl World {
     /// The sensors' measurement; each has noise of its own. Does not allocate.
     pub fn measure(&mut self) -> Measurement {
         self.sensors.measure(&self.state(), self.time_nanos())
+    }
+
+    /// Whether the emergency stop is pressed.
+    pub fn is_emergency_stop_pressed(&self) -> bool {
+        let now = self.time_nanos();
+        self.pressed.iter().any(|window| window.contains(&now))
     }
 
     /// Body-velocity command that the speed loops followed in the last step: the command of one

@@ -232,7 +232,9 @@ fn drive(base: &Assembly, seed: u64, folder: &Path) -> Result<WorldRow, WorldErr
     let footprint = base.robot.footprint();
     let circle_m = 0.5 * footprint.length_m.hypot(footprint.width_m);
     let (discs, goal) = world(seed, circle_m);
-    let crowd = ObstacleSettings { range_m: RANGE_M, list: discs.clone() }.crowd()?;
+    let crowd =
+        ObstacleSettings { range_m: RANGE_M, list: discs.clone(), ..ObstacleSettings::default() }
+            .crowd()?;
     let stands: Vec<Obstacle> = crowd.at(0.0).filter(|one| one.velocity_mps == [0.0; 2]).collect();
     let ground = Ground {
         obstacles: &stands,
@@ -243,7 +245,11 @@ fn drive(base: &Assembly, seed: u64, folder: &Path) -> Result<WorldRow, WorldErr
     let has_way = route([0.0; 2], [goal[0], goal[1]], &ground).is_ok();
     let mut assembly = base.clone();
     assembly.scenario.seed = seed;
-    assembly.scenario.obstacles = Some(ObstacleSettings { range_m: RANGE_M, list: discs.clone() });
+    assembly.scenario.obstacles = Some(ObstacleSettings {
+        range_m: RANGE_M,
+        list: discs.clone(),
+        ..ObstacleSettings::default()
+    });
     assembly.scenario.goals = vec![Scheduled {
         at_s: 0.1,
         goal: Demand::Pose { to: goal },

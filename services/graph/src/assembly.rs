@@ -149,7 +149,7 @@ impl Assembly {
         scenario.duration_s = options.duration.unwrap_or(scenario.duration_s);
         scenario.seed = options.seed.unwrap_or(scenario.seed);
         #[cfg(feature = "faults")]
-        let faults = faults_for(options, graph.pace, scenario.truth.as_ref())?;
+        let faults = faults_for(options, graph.pace, &scenario)?;
         let mut assembly = Self {
             certificates,
             exposed,
@@ -275,6 +275,9 @@ impl Assembly {
         // own faults take precedence.
         #[cfg(feature = "faults")]
         let truth = self.faults.in_world(truth.as_ref()).unwrap_or(truth);
+        let obstacles = self.scenario.obstacles.clone();
+        #[cfg(feature = "faults")]
+        let obstacles = self.faults.among(obstacles.as_ref()).unwrap_or(obstacles);
         plant_sim::Settings {
             run,
             duration_s: self.scenario.duration_s,
@@ -287,7 +290,7 @@ impl Assembly {
             truth,
             program: self.scenario.world.clone(),
             map: self.map.clone(),
-            obstacles: self.scenario.obstacles.clone(),
+            obstacles,
             lists: self.scenario.lists.clone(),
         }
     }
@@ -490,11 +493,14 @@ pub fn robot_of(file: &Path) -> Result<Robot, SettingsError> {
 fn faults_for(
     options: &Options,
     pace: Pace,
-    truth: Option<&plant_sim::truth::Truth>,
+    scenario: &Scenario,
 ) -> Result<FaultsFile, SettingsError> {
     let Some(file) = &options.faults else { return Ok(FaultsFile::default()) };
     let faults = faults_of(file, pace)?;
-    match faults.in_world(truth) {
+    let possible = faults
+        .in_world(scenario.truth.as_ref())
+        .and_then(|_| faults.among(scenario.obstacles.as_ref()));
+    match possible {
         Ok(_) => Ok(faults),
         Err(Impossible { key, expected }) => {
             Err(SettingsError::Value { file: file.clone(), line: None, key, value: None, expected })

@@ -5,6 +5,7 @@ mod plant;
 
 use controller::settings::{SolverFault, SolverFaults};
 use learner::settings::{SnapshotFault, SnapshotFaults};
+use plant_sim::obstacles::ObstacleSettings;
 use plant_sim::truth::Truth;
 use protocol::message::Participant;
 use serde::Deserialize;
@@ -197,6 +198,26 @@ impl FaultsFile {
             Impossible::new(impossible.key, impossible.expected).under("plant")
         })?;
         Ok(Some(world))
+    }
+
+    /// The obstacles of the world with these faults.
+    ///
+    /// # Errors
+    /// [`Impossible`] if an obstacle appears to a robot without a sensor for it.
+    pub fn among(
+        &self,
+        obstacles: Option<&ObstacleSettings>,
+    ) -> Result<Option<ObstacleSettings>, Impossible> {
+        let mut among = obstacles.cloned();
+        for (index, fault) in self.plant.iter().enumerate() {
+            fault
+                .happen_among(among.as_mut())
+                .map_err(|impossible| impossible.under(&format!("plant.{index}")))?;
+        }
+        if let Some(among) = &among {
+            among.check().map_err(|impossible| impossible.under("plant"))?;
+        }
+        Ok(among)
     }
 
     /// Number of faults.

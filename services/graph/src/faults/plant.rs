@@ -1,7 +1,11 @@
 //! Faults of the robot itself, and of the floor under it: changes of the world that a scenario
 //! describes.
 
-use plant_sim::truth::{Fault, Payload, Slippery, Stuck, StuckSensor, Truth, Wheel, WheelSlip};
+use plant_sim::obstacles::{Appearing, ObstacleSettings};
+use plant_sim::truth::{
+    Fault, Payload, Pressed, Slippery, Stuck, StuckSensor, Truth, Wheel, WheelSlip,
+};
+use robot::Point;
 use serde::Deserialize;
 use settings::Impossible;
 
@@ -36,6 +40,12 @@ pub struct PlantFault {
     /// For `stuck-sensor`: the sensor.
     #[serde(default)]
     pub sensor: Option<StuckSensor>,
+    /// For `obstacle`: its centre, forward and left of the robot's centre when it appears \[m\].
+    #[serde(default)]
+    pub at_m: Option<Point>,
+    /// For `obstacle`: its radius \[m\].
+    #[serde(default)]
+    pub radius_m: Option<f64>,
 }
 
 /// Kinds of faults of a robot.
@@ -52,6 +62,10 @@ pub enum PlantFaultKind {
     Payload,
     /// A sensor repeats its last value.
     StuckSensor,
+    /// The emergency stop is pressed.
+    EmergencyStop,
+    /// A disc appears beside or on the robot, and stands there.
+    Obstacle,
 }
 
 impl PlantFaultKind {
@@ -63,6 +77,8 @@ impl PlantFaultKind {
             Self::Slip => "slip",
             Self::Payload => "payload",
             Self::StuckSensor => "stuck-sensor",
+            Self::EmergencyStop => "emergency-stop",
+            Self::Obstacle => "obstacle",
         }
     }
 }
@@ -114,7 +130,32 @@ impl PlantFault {
                 let sensor = self.sensor.ok_or_else(|| needed("sensor"))?;
                 world.stuck.push(Stuck { sensor, from_s, until_s });
             }
+            PlantFaultKind::EmergencyStop => world.pressed.push(Pressed { from_s, until_s }),
+            // It is no part of the robot: see `happen_among`.
+            PlantFaultKind::Obstacle => {}
         }
+        Ok(())
+    }
+
+    /// Adds the fault to the obstacles of the world, if it is one.
+    ///
+    /// # Errors
+    /// [`Impossible`] if the robot has no sensor for obstacles.
+    pub(super) fn happen_among(
+        &self,
+        obstacles: Option<&mut ObstacleSettings>,
+    ) -> Result<(), Impossible> {
+        let (PlantFaultKind::Obstacle, Some(at_m), Some(radius_m)) =
+            (self.kind, self.at_m, self.radius_m)
+        else {
+            return Ok(());
+        };
+        let Some(obstacles) = obstacles else {
+            return Err(Impossible::new("kind", "a scenario with [obstacles]: a sensor for them"));
+        };
+        let seconds = self.millis.map_or(f64::INFINITY, |millis| millis as f64 * 1e-3);
+        let (from_s, until_s) = (self.from_s, (self.from_s + seconds).min(f64::MAX));
+        obstacles.appearing.push(Appearing { at_m, radius_m, from_s, until_s });
         Ok(())
     }
 
@@ -128,6 +169,8 @@ impl PlantFault {
             ("grip", self.grip.is_some(), kind == PlantFaultKind::Slip),
             ("mass_kg", self.mass_kg.is_some(), kind == PlantFaultKind::Payload),
             ("sensor", self.sensor.is_some(), kind == PlantFaultKind::StuckSensor),
+            ("at_m", self.at_m.is_some(), kind == PlantFaultKind::Obstacle),
+            ("radius_m", self.radius_m.is_some(), kind == PlantFaultKind::Obstacle),
         ] {
             match (is, wanted) {
                 (true, false) => {
@@ -186,6 +229,25 @@ mod tests {
         let load = "[[plant]]\nkind = \"payload\"\nmass_kg = 5.0\nfrom_s = 2.0\n";
         assert_eq!(world(load)?.payload.map(|payload| payload.mass_kg), Some(5.0));
         assert_eq!(world(&format!("{load}{load}")), Err("plant.1.kind".to_owned()));
+        let pressed = world("[[plant]]\nkind = \"emergency-stop\"\nfrom_s = 2.0\nmillis = 500\n")?;
+        assert_eq!(pressed.pressed, [Pressed { from_s: 2.0, until_s: Some(2.5) }]);
+        Ok(())
+    }
+
+    #[test]
+    fn an_obstacle_appears_only_where_the_robot_has_a_sensor_for_it() -> Result<(), String> {
+        let appears = "[[plant]]\nkind = \"obstacle\"\nat_m = [0.5, 0.0]\nradius_m = RADIUS\n\
+                       from_s = 2.0\nmillis = 500\n";
+        let among = |radius: &str, obstacles: Option<&ObstacleSettings>| {
+            let among = read(&appears.replace("RADIUS", radius))?.among(obstacles);
+            among.map_err(|impossible| impossible.key)
+        };
+        let sensor = ObstacleSettings::default();
+        let seen = among("0.2", Some(&sensor))?.map(|obstacles| obstacles.appearing);
+        let one = Appearing { at_m: [0.5, 0.0], radius_m: 0.2, from_s: 2.0, until_s: 2.5 };
+        assert_eq!(seen, Some(vec![one]));
+        assert_eq!(among("0.2", None), Err("plant.0.kind".to_owned()));
+        assert!(among("-1.0", Some(&sensor)).is_err());
         Ok(())
     }
 
@@ -201,6 +263,9 @@ mod tests {
             ("kind = \"stuck-sensor\"", "sensor"),
             ("kind = \"stuck-sensor\"\nsensor = \"pose\"\nmillis = 0", "millis"),
             ("kind = \"stuck-sensor\"\nsensor = \"pose\"\ngrip = 0.5", "grip"),
+            ("kind = \"emergency-stop\"\ngrip = 0.5", "grip"),
+            ("kind = \"obstacle\"\nradius_m = 0.2", "at_m"),
+            ("kind = \"obstacle\"\nat_m = [0.0, 0.0]", "radius_m"),
         ] {
             let refused =
                 read(&format!("[[plant]]\nfrom_s = 1.0\n{keys}\n")).err().unwrap_or_default();
