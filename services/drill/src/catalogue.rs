@@ -50,6 +50,12 @@ pub enum Task {
     /// Launches each host by itself, and lets something between them fail for a time; length of
     /// each failure \[ms\].
     Between(Failure, Vec<u64>),
+    /// Gives goals to a robot while it drives; number of rounds.
+    Goals(GoalFault, u32),
+    /// Presses the emergency stop of a robot while it drives; number of presses.
+    EmergencyStop(u32),
+    /// Lets obstacles appear around a robot while it drives; number of obstacles.
+    Appearing(u32),
     /// Launches on machines with little shared memory; size for each launch \[MiB\]. Each launch
     /// drives normally, or is rejected before the robot moves.
     LittleSharedMemory(Vec<u64>),
@@ -91,6 +97,19 @@ impl Failure {
 
 /// Rate of a cable that suffices for all messages.
 const ENOUGH_BITS_PER_S: u64 = 100_000_000;
+
+/// What is wrong with goals, or with the planner that gives them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GoalFault {
+    /// No robot can do them.
+    Absurd,
+    /// They come without a pause.
+    Flood,
+    /// The planner is killed.
+    KilledPlanner,
+    /// Two planners give goals in turn, and hang.
+    TwoPlanners,
+}
 
 /// The conflict between two controllers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,6 +161,9 @@ pub struct Launch {
     pub undisturbed: bool,
     /// Shared memory of the machine, if it differs from the real size \[MiB\].
     pub shared_memory_mebibytes: Option<u64>,
+    /// The robot stands and waits for goals, with a sensor for obstacles. Otherwise it follows the
+    /// figure eight.
+    pub waits_for_goals: bool,
 }
 
 /// One exercise.
@@ -187,6 +209,7 @@ pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     messages::on_control_links(extent, apart, &mut all);
     messages::of_other_versions(extent, &mut all);
     messages::snapshots(extent, &mut all);
+    all.extend(around_goals(extent));
     solvers(extent, &mut all);
     worlds(extent, &mut all);
     machine(extent, &mut all);
@@ -336,6 +359,22 @@ fn between_hosts(extent: Extent) -> Vec<Exercise> {
         ),
         of("lost host", "controller", Failure::LostController, &[1000], &[1000, 4000], 10),
         of("lost host", "learner", Failure::LostLearner, &[1000], &[1000, 4000], 10),
+    ]
+}
+
+/// Faults of goals and planners, and of what a robot meets on the way.
+fn around_goals(extent: Extent) -> Vec<Exercise> {
+    let of = |fault, target, task| Exercise { fault, target, carrier: Carrier::SharedMemory, task };
+    let goals = |fault, target, what, quick, whole| {
+        of(fault, target, Task::Goals(what, extent.pick(quick, whole)))
+    };
+    vec![
+        goals("absurd goals", "controller", GoalFault::Absurd, 22, 220),
+        goals("goal flood", "controller", GoalFault::Flood, 20, 60),
+        goals("planner killed", "path, velocity, pose", GoalFault::KilledPlanner, 3, 60),
+        goals("two planners", "controller", GoalFault::TwoPlanners, 6, 100),
+        of("emergency stop", "robot", Task::EmergencyStop(extent.pick(1, 30))),
+        of("obstacle appears", "robot", Task::Appearing(extent.pick(4, 100))),
     ]
 }
 

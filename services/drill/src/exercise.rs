@@ -7,7 +7,7 @@ use super::oracle::{Limits, judge};
 use super::record::Record;
 use super::session::{Home, Trouble, permits_little_shared_memory};
 use super::tracking::{self, Tracked, Windows};
-use super::{between, damage, launchers, refusals, rivals};
+use super::{appearing, between, damage, emergency_stop, goals, launchers, refusals, rivals};
 use graph::faults::FaultsFile;
 use process::{Stop, Witness};
 use rand::{Rng, SeedableRng};
@@ -67,6 +67,23 @@ pub(super) fn run(
                 between::run(home, *failure, millis, stop)
             })
         }
+        Task::Goals(fault, times) => {
+            in_home(exercise.carrier, &waits_for_goals(String::new()), ground, seed, kept, |home| {
+                goals::run(home, *fault, *times, seed, stop)
+            })
+        }
+        Task::EmergencyStop(times) => {
+            let launch = waits_for_goals(emergency_stop::faults(*times));
+            in_home(exercise.carrier, &launch, ground, seed, kept, |home| {
+                emergency_stop::run(home, *times, stop)
+            })
+        }
+        Task::Appearing(times) => {
+            let launch = waits_for_goals(appearing::faults(*times, seed));
+            in_home(exercise.carrier, &launch, ground, seed, kept, |home| {
+                appearing::run(home, *times, stop)
+            })
+        }
         Task::LittleSharedMemory(sizes) => {
             little_shared_memory(exercise.carrier, sizes, ground, seed, kept, stop)
         }
@@ -74,6 +91,11 @@ pub(super) fn run(
             launchers::side_by_side(home, stop)
         }),
     }
+}
+
+/// A launch whose robot waits for goals, with these faults.
+fn waits_for_goals(faults: String) -> Launch {
+    Launch { faults, waits_for_goals: true, ..Launch::default() }
 }
 
 /// Runs `work` in a home of its own, which is kept if there was a violation.
@@ -88,7 +110,8 @@ fn in_home(
     let home = Home::new(ground, carrier, launch, seed)?;
     // An exercise that could not be done is a violation too, and its files are kept. The twins run
     // before any real-time run.
-    let mut measured = ground.course().and_then(|_| work(&home)).unwrap_or_else(Measured::not_done);
+    let twins = if launch.waits_for_goals { Ok(()) } else { ground.course().map(drop) };
+    let mut measured = twins.and_then(|()| work(&home)).unwrap_or_else(Measured::not_done);
     if !measured.violations.is_empty()
         && let Err(trouble) = home.keep(kept)
     {

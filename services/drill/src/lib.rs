@@ -3,9 +3,13 @@
 //! | file        | what it holds                                                     |
 //! |-------------|-------------------------------------------------------------------|
 //! | `catalogue` | the exercises: which faults, in which process, and what must hold |
+//! | `turns`     | when each exercise runs, and beside which others                  |
 //! | `exercise`  | runs one exercise and judges it                                   |
 //! | `rivals`    | two controllers of one robot                                      |
 //! | `launchers` | two launches of one robot                                         |
+//! | `goals`     | planners, and the goals that they give                            |
+//! | `emergency_stop` | an emergency stop that is pressed while the robot drives     |
+//! | `appearing` | obstacles that appear on and around the robot                     |
 //! | `between`   | hosts between which something fails for a time                    |
 //! | `ground`    | what all exercises share, and the twin runs without faults        |
 //! | `tracking`  | record → how far the robot was from its reference                 |
@@ -18,10 +22,13 @@
 //! | `measure`   | record → reaction times, restart times, and other violations      |
 //! | `table`     | rows → the table that is printed                                  |
 
+mod appearing;
 mod between;
 pub mod catalogue;
 pub mod damage;
+mod emergency_stop;
 mod exercise;
+mod goals;
 mod ground;
 pub mod hosts;
 mod launchers;
@@ -33,6 +40,7 @@ mod rivals;
 mod session;
 mod table;
 pub mod tracking;
+mod turns;
 
 use catalogue::{Carrier, Exercise, Extent, exercises};
 use clap::builder::PossibleValuesParser;
@@ -49,11 +57,11 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::thread;
 use std::time::{Instant, SystemTime};
 use terminal::Terminal;
+use turns::Turns;
 
 /// Options of `coxswain drill`.
 #[derive(Debug, Clone, clap::Args)]
@@ -209,16 +217,15 @@ pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     let ground = Ground::new(&options.deploy);
     let mut rows = Vec::new();
     let begin = Instant::now();
-    let next = AtomicUsize::new(0);
+    let turns = Turns::new(&chosen);
     thread::scope(|scope| {
         let (done, finished) = mpsc::channel();
-        for _ in 0..options.jobs {
-            let (done, next, chosen, kept, stop) = (done.clone(), &next, &chosen, &kept, &stop);
+        for worker in 0..options.jobs {
+            let (done, turns, chosen, kept, stop) = (done.clone(), &turns, &chosen, &kept, &stop);
             let ground = &ground;
             scope.spawn(move || {
-                while let Some((index, exercise)) = Some(next.fetch_add(1, Ordering::Relaxed))
-                    .and_then(|index| Some((index, chosen.get(index)?)))
-                {
+                while let Some((index, _machine)) = turns.next(worker) {
+                    let Some(exercise) = chosen.get(index) else { return };
                     let kept = kept.join(folder_name(index, exercise));
                     let row = (!stop.requested())
                         .then(|| do_one(exercise, ground, options.seed, &kept, stop));

@@ -80,9 +80,17 @@ pub fn measure(
     let within = |windows: &[Range<u64>], tick| {
         windows.iter().any(|ticks| acts_until(ticks).contains(&tick))
     };
+    // Where the gate slows the robot before an obstacle, it changes what the controller sent.
+    let slowed: BTreeSet<(u64, u64)> = record
+        .of("state")
+        .filter(|state| is_slowed(state))
+        .map(|state| (state.stamp("epoch"), state.stamp("tick")))
+        .collect();
     // The controller is not responsible for what a link has changed.
     let known = |found: &Violation| match found.rule {
-        Rule::Said => within(&launch.misquoted, found.tick),
+        Rule::Said => {
+            within(&launch.misquoted, found.tick) || slowed.contains(&(found.epoch, found.tick))
+        }
         Rule::Rate => within(&launch.misquoted, found.tick) || within(&launch.misled, found.tick),
         _ => false,
     };
@@ -183,6 +191,11 @@ fn judge_unseen(unseen: Unseen, violations: &mut Vec<String>) -> usize {
 pub(super) fn is_stopped_astray(state: &Message) -> bool {
     state.word("fallback_level") == "latched stop"
         && matches!(state.word("reason"), "position error" | "heading error")
+}
+
+/// Whether the gate slowed the robot before an obstacle in the period that `state` reports.
+pub(super) fn is_slowed(state: &Message) -> bool {
+    state.word("reason") == "protective stop"
 }
 
 /// Whether no controller answered the period in time.

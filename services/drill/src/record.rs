@@ -54,8 +54,8 @@ impl Record {
         Self::read_as(folder, |_, _| true)
     }
 
-    /// Reads it without predictions, data points and drawings, but with the tails of commands. Long
-    /// runs fit into memory then.
+    /// Reads it without predictions, data points and drawings, but with the tails of commands and
+    /// the obstacles. Long runs fit into memory then.
     ///
     /// # Errors
     /// If there is no record, or the file is no record.
@@ -63,7 +63,7 @@ impl Record {
         Self::read_as(folder, |topic, says| {
             let fields = says.as_object_mut().into_iter();
             let kept = |name: &str, value: &Value| {
-                name == "tail"
+                matches!(name, "tail" | "obstacles")
                     || !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array))
             };
             fields.for_each(|fields| fields.retain(|name, value| kept(name, value)));

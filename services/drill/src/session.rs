@@ -35,8 +35,12 @@ pub(super) type Trouble = Box<dyn Error + Send + Sync>;
 /// Error of an interrupted exercise.
 pub(super) const INTERRUPTED: &str = "interrupted by a signal";
 
-/// The scenario of all drill graphs: it covers every direction, and lasts as long as necessary.
+/// The scenario of most drill graphs: it covers every direction, and lasts as long as necessary.
 const SCENARIO: &str = "figure-eight";
+/// The scenario of graphs that wait for goals, with the same period.
+const GOALS: &str = "goals";
+/// A sensor for obstacles in that scenario.
+const SENSOR: &str = "\n[obstacles]\nrange_m = 5.0\n";
 /// T = 20 ms.
 const PROFILE: &str = "agile";
 /// Timeout for what must happen at some time. It is far longer than that takes.
@@ -79,7 +83,12 @@ impl<'a> Home<'a> {
     ) -> Result<Self, Trouble> {
         let folder = tempfile::Builder::new().prefix("cx").tempdir()?;
         let deploy = ground.deploy();
-        let scenario = Scenario::merged(&deploy.join("scenarios"), SCENARIO, Some(PROFILE), &[])?;
+        let scenarios = deploy.join("scenarios");
+        let scenario = if launch.waits_for_goals {
+            Scenario::merged(&scenarios, GOALS, None, &[])? + SENSOR
+        } else {
+            Scenario::merged(&scenarios, SCENARIO, Some(PROFILE), &[])?
+        };
         fs::write(folder.path().join("scenario.toml"), scenario)?;
         fs::write(folder.path().join("faults.toml"), format!("seed = {seed}\n{}", launch.faults))?;
         let robot = deploy.join("robots/mecanum.toml").canonicalize()?;

@@ -1,0 +1,319 @@
+//! Obstacles that appear before, beside or on a robot that drives.
+//!
+//! | rule    | what must hold                                                                  |
+//! |---------|---------------------------------------------------------------------------------|
+//! | stops   | one that appears farther away than the robot needs to stop is not touched       |
+//! | brakes  | while one touches the footprint, the ramp of the brake ends each motion towards |
+//! |         | it; from then on no command leads towards it                                    |
+//! | slows   | where the gate slows the robot, no axis gets faster than it was and was sent   |
+//! | leaves  | a robot that moves and is commanded straight away from it is not slowed: at     |
+//! |         | most 45° beside −n, and without a turn. The gate has to expect more of others   |
+//! | resumes | when they are gone, the robot reaches its goal                                  |
+//!
+//! n is the unit vector from the footprint to the obstacle. The closing speed of a body velocity is
+//! the largest one of all corners of the footprint along n.
+
+use super::goals::planner::{Planner, tell};
+use super::goals::{DURATION_S, conclude};
+use super::measure::{Measured, is_slowed};
+use super::oracle::{Limits, commanded};
+use super::record::{Message, Record};
+use super::session::{Home, Session, Trouble};
+use process::{Stop, Witness};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use robot::{Obstacle, Robot, Shape, Velocity};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::time::{Duration, Instant};
+
+/// Time of the first one, and between two of them \[s\].
+const EVERY_S: f64 = 3.0;
+/// How long each one stays \[ms\].
+const STAYS_MILLIS: u64 = 1500;
+/// Where the robot drives to and fro \[m\], and its largest speed.
+const FAR_M: f64 = 2.0;
+const SPEED_MPS: &str = "1.5";
+/// Closing speed that counts as none: the normal turns while the robot moves \[m/s\].
+const SLACK_MPS: f64 = 0.02;
+/// Rounding \[m/s, rad/s\].
+const ROUNDING: f64 = 1e-5;
+/// Closing speed of a robot that leaves, at most \[m/s\].
+const LEAVES_MPS: f64 = -0.1;
+/// Largest turn of such a robot \[rad/s\].
+const LEAVES_RADPS: f64 = 0.3;
+/// Periods between an obstacle and the last one that its ramp begins in.
+const RAMP_PERIODS: u64 = 3;
+
+/// Faults of `times` obstacles around a robot that drives along x.
+pub(super) fn faults(times: u32, seed: u64) -> String {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut text = String::new();
+    for index in 0..times {
+        let side = if random.random() { 1.0 } else { -1.0 };
+        let (ahead, left) = match index % 4 {
+            // Before or behind it, within and beyond the way that it needs to stop.
+            0 => (side * random.random_range(0.3..1.2), random.random_range(-0.2..0.2)),
+            // On one end of it.
+            1 => (side * random.random_range(0.1..0.3), random.random_range(-0.1..0.1)),
+            // Beside it.
+            2 => (random.random_range(-0.1..0.1), side * random.random_range(0.25..0.5)),
+            // In its middle.
+            _ => (random.random_range(-0.05..0.05), random.random_range(-0.05..0.05)),
+        };
+        let (radius, phase) = (random.random_range(0.05..0.2), random.random_range(0.0..0.8));
+        let from_s = EVERY_S * f64::from(index + 1) + phase;
+        let _ = write!(
+            text,
+            "[[plant]]\nkind = \"obstacle\"\nfrom_s = {from_s:.4}\nmillis = {STAYS_MILLIS}\n\
+             at_m = [{ahead:.4}, {left:.4}]\nradius_m = {radius:.4}\n"
+        );
+    }
+    text
+}
+
+/// Drives to and fro while `times` obstacles appear.
+///
+/// # Errors
+/// If the exercise could not be done.
+pub(super) fn run(home: &Home<'_>, times: u32, stop: &Stop) -> Result<Measured, Trouble> {
+    let witness = Witness::begin();
+    let mut session = home.launch("run", DURATION_S)?;
+    session.wait_for_log("controller", "answering a plant", 1)?;
+    let mut measured = Measured::default();
+    drive(home, &session, EVERY_S * f64::from(times + 1) + 2.0, stop)?;
+    if tell(home, &session, &["go", "0", "0", "0"], stop)? != Some(0) {
+        measured.violations.push("the robot reaches no goal when they are gone".to_owned());
+    }
+    let record = conclude(home, &mut session, witness, true, &mut measured)?;
+    let found = judge(&record, &home.assembly()?.robot, &home.limits()?)?;
+    measured.injections = found.moving;
+    measured.notes.push(format!(
+        "{} of {times} appeared while the robot moved, {} touched it, {} periods were slowed",
+        found.moving, found.touched, found.slowed
+    ));
+    measured.violations.extend(found.violations);
+    if found.moving == 0 || found.slowed == 0 {
+        measured.violations.push("none was in the way: the exercise shows nothing".to_owned());
+    }
+    Ok(measured)
+}
+
+/// Drives to and fro for `seconds`. A goal may be rejected while an obstacle is on the robot.
+fn drive(home: &Home<'_>, session: &Session, seconds: f64, stop: &Stop) -> Result<(), Trouble> {
+    let begin = Instant::now();
+    let mut to = FAR_M;
+    while begin.elapsed() < Duration::from_secs_f64(seconds) && !stop.requested() {
+        let place = to.to_string();
+        let arguments = ["go", &place, "0", "0", "--speed", SPEED_MPS];
+        let mut planner = Planner::start(home, session, "planner", &arguments)?;
+        if planner.exit_code(stop)? == Some(0) {
+            to = -to;
+        }
+    }
+    Ok(())
+}
+
+/// What an exercise has shown.
+#[derive(Debug, Default)]
+struct Found {
+    /// Obstacles that appeared while the robot moved.
+    moving: u64,
+    /// Obstacles that touched its footprint with the clearance.
+    touched: u64,
+    /// Periods in which the gate slowed the robot.
+    slowed: u64,
+    violations: Vec<String>,
+}
+
+/// The messages of one period.
+struct Period<'a> {
+    tick: u64,
+    /// Truth at its begin, and at its end.
+    truths: [&'a Message; 2],
+    /// States at its begin, and at its end.
+    states: [&'a Message; 2],
+    obstacle: Obstacle,
+}
+
+/// Since when one obstacle is there.
+#[derive(Debug, Clone, Copy)]
+struct There {
+    /// Its first tick.
+    since: u64,
+    /// Whether the robot can stop before it.
+    is_far: bool,
+    /// First tick of the present touch, and the tick at which its ramp has ended.
+    touch: Option<(u64, u64)>,
+    has_touched: bool,
+}
+
+fn judge(record: &Record, robot: &Robot, limits: &Limits) -> Result<Found, Trouble> {
+    let by_tick = |topic| -> BTreeMap<u64, &Message> {
+        record.of(topic).map(|message| (message.stamp("tick"), message)).collect()
+    };
+    let (truths, states, commands) = (by_tick("truth"), by_tick("state"), by_tick("command"));
+    let lists = by_tick("obstacles");
+    let (mut found, mut there): (Found, Option<There>) = (Found::default(), None);
+    for (&tick, list) in &lists {
+        // One obstacle is there at a time.
+        let Some(obstacle) = listed(list)?.pop() else {
+            there = None;
+            continue;
+        };
+        let (Some(truths), Some(states)) = (at_both(&truths, tick), at_both(&states, tick)) else {
+            continue;
+        };
+        let period = Period { tick, truths, states, obstacle };
+        let asked = commands.get(&tick).map(|command| command.numbers("input"));
+        there = Some(period.judge(there, robot, limits, asked.as_deref(), &mut found)?);
+    }
+    Ok(found)
+}
+
+/// The messages at `tick`, and one period later.
+fn at_both<'a>(of: &BTreeMap<u64, &'a Message>, tick: u64) -> Option<[&'a Message; 2]> {
+    Some([*of.get(&tick)?, *of.get(&(tick + 1))?])
+}
+
+impl Period<'_> {
+    /// Judges the period, and returns what is known of the obstacle after it.
+    fn judge(
+        &self,
+        there: Option<There>,
+        robot: &Robot,
+        limits: &Limits,
+        asked: Option<&[f64]>,
+        found: &mut Found,
+    ) -> Result<There, Trouble> {
+        let Self { tick, truths, states, obstacle } = self;
+        let bare = robot.footprint().shape();
+        let footprint = bare.grown(robot.footprint().clearance_m);
+        let poses = [triple(truths[0], "pose")?, triple(truths[1], "pose")?];
+        let measured = triple(truths[0], "velocity")?;
+        let twists = truths.map(|truth| commanded(truth, limits).unwrap_or([f64::NAN; 3]));
+        let apart = footprint.placed(&poses[0]).separation(&obstacle.shape).distance_m;
+        let mut there = there.unwrap_or_else(|| {
+            let speed = measured[0].hypot(measured[1]).max(twists[0][0].hypot(twists[0][1]));
+            found.moving += u64::from(speed > 0.1);
+            // Response and two periods at full speed, then the ramp, of each axis at least.
+            let way = speed * (robot.response_time_s() + 2.0 * limits.period_s)
+                + 0.5 * speed * speed / limits.brake[0];
+            There { since: *tick, is_far: apart > way, touch: None, has_touched: false }
+        });
+        let touches = bare.placed(&poses[0]).separation(&obstacle.shape).distance_m;
+        if there.is_far && touches <= 0.0 {
+            found.violations.push(format!(
+                "tick {tick}: the robot touches what appeared at tick {} far enough away: \
+                 {touches:.3} m",
+                there.since
+            ));
+        }
+        let closing = |twist: &Velocity, pose: &[f64; 3]| {
+            closing_mps(&footprint.placed(pose), pose, twist, obstacle)
+        };
+        if apart > 0.0 {
+            there.touch = None;
+        } else {
+            let longest = (0..3).map(|axis| twists[0][axis].abs() / limits.brake[axis]);
+            let longest = longest.fold(0.0, f64::max) / limits.period_s;
+            let ends = tick + longest.ceil() as u64 + RAMP_PERIODS;
+            let (_, ends) = *there.touch.get_or_insert((*tick, ends));
+            found.touched += u64::from(!there.has_touched);
+            there.has_touched = true;
+            let speed = poses.iter().map(|pose| closing(&twists[1], pose));
+            let speed = speed.fold(f64::INFINITY, f64::min);
+            if *tick > ends && (speed > SLACK_MPS || speed.is_nan()) {
+                found.violations.push(format!(
+                    "tick {tick}: the obstacle of tick {} touches the footprint ({apart:.3} m), \
+                     and the command closes in with {speed:.3} m/s",
+                    there.since
+                ));
+            }
+        }
+        if is_slowed(states[1]) {
+            found.slowed += 1;
+            let asked: Option<Velocity> = asked.and_then(|asked| asked.try_into().ok());
+            // A slowed robot gets less than what acted before or was sent: it never speeds up.
+            let most = asked.map(|asked| asked.map(f64::abs));
+            let most = most.map(|most| [0, 1, 2].map(|axis| most[axis].max(twists[0][axis].abs())));
+            let faster =
+                |most: Velocity| (0..3).any(|axis| twists[1][axis].abs() > most[axis] + ROUNDING);
+            if most.is_some_and(faster) {
+                found.violations.push(format!(
+                    "tick {tick}: the gate slows the robot from {:.3?} to {:.3?}, and {asked:.3?} \
+                     was sent",
+                    twists[0], twists[1]
+                ));
+            }
+            // All that the robot does, or is to do, leads away.
+            let all = [Some(measured), Some(twists[0]), Some(twists[1]), asked];
+            let leaves = all.iter().all(|twist| {
+                twist.is_some_and(|twist| {
+                    closing(&twist, &poses[0]) < LEAVES_MPS
+                        && is_straight(&footprint.placed(&poses[0]), &poses[0], &twist, obstacle)
+                })
+            });
+            if leaves {
+                found.violations.push(format!(
+                    "tick {tick}: the robot is slowed, but it leaves the obstacle of tick {}",
+                    there.since
+                ));
+            }
+        }
+        Ok(there)
+    }
+}
+
+/// Largest speed of a corner of `footprint`, at `pose`, towards the obstacle \[m/s\].
+fn closing_mps(
+    footprint: &Shape,
+    pose: &[f64; 3],
+    [ahead, left, yaw]: &Velocity,
+    obstacle: &Obstacle,
+) -> f64 {
+    let normal = footprint.separation(&obstacle.shape).normal;
+    let (sin, cos) = pose[2].sin_cos();
+    let [x, y] = [cos * ahead - sin * left, sin * ahead + cos * left];
+    let corner = |[corner_x, corner_y]: &[f64; 2]| {
+        let arm = [corner_x - pose[0], corner_y - pose[1]];
+        (x - yaw * arm[1]) * normal[0] + (y + yaw * arm[0]) * normal[1]
+    };
+    footprint.corners().iter().map(corner).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// Whether a twist of a robot that leaves an obstacle does so at most 45° beside the normal, and
+/// without a turn.
+fn is_straight(
+    footprint: &Shape,
+    pose: &[f64; 3],
+    [ahead, left, yaw]: &Velocity,
+    obstacle: &Obstacle,
+) -> bool {
+    let [x, y] = footprint.separation(&obstacle.shape).normal;
+    let (sin, cos) = pose[2].sin_cos();
+    let velocity = [cos * ahead - sin * left, sin * ahead + cos * left];
+    let along = velocity[0] * x + velocity[1] * y;
+    let across = velocity[0] * y - velocity[1] * x;
+    yaw.abs() <= LEAVES_RADPS && across.abs() <= -along
+}
+
+/// Three numbers of a message.
+fn triple(message: &Message, field: &str) -> Result<[f64; 3], Trouble> {
+    message.numbers(field).try_into().map_err(|_| format!("{field} has no three numbers").into())
+}
+
+/// The obstacles of a list.
+fn listed(list: &Message) -> Result<Vec<Obstacle>, Trouble> {
+    let rows = list.says["obstacles"].as_array().ok_or("a list without obstacles")?;
+    let obstacle = |row: &serde_json::Value| -> Result<Obstacle, Trouble> {
+        let row: Vec<f64> =
+            row.as_array().into_iter().flatten().filter_map(serde_json::Value::as_f64).collect();
+        let (Some(&[x, y, radius]), Some(rest)) = (row.first_chunk(), row.get(3..)) else {
+            return Err("an obstacle of fewer than three numbers".into());
+        };
+        let (corners, _) = rest.as_chunks::<2>();
+        Ok(Obstacle { shape: Shape::hull(corners, radius)?, velocity_mps: [x, y] })
+    };
+    rows.iter().map(obstacle).collect()
+}
