@@ -370,11 +370,11 @@ fn around_goals(extent: Extent) -> Vec<Exercise> {
     };
     vec![
         goals("absurd goals", "controller", GoalFault::Absurd, 22, 220),
-        goals("goal flood", "controller", GoalFault::Flood, 20, 60),
-        goals("planner killed", "path, velocity, pose", GoalFault::KilledPlanner, 3, 60),
+        goals("goal flood", "controller", GoalFault::Flood, 20, 40),
+        goals("planner killed", "path and velocity", GoalFault::KilledPlanner, 3, 60),
         goals("two planners", "controller", GoalFault::TwoPlanners, 6, 100),
         of("emergency stop", "robot", Task::EmergencyStop(extent.pick(1, 30))),
-        of("obstacle appears", "robot", Task::Appearing(extent.pick(4, 100))),
+        of("obstacle appears", "robot", Task::Appearing(extent.pick(4, 60))),
     ]
 }
 

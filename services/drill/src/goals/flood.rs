@@ -36,7 +36,7 @@ pub(super) fn give(
                     let [x, y] = [0, 1].map(|_| random.random_range(-2.0..2.0).to_string());
                     let arguments = match random.random_range(0..3) {
                         0 => vec!["go", &x, &y, "1", "--no-wait"],
-                        1 => vec!["drive", &x, &y, "0.5", "--for", "1", "--no-wait"],
+                        1 => vec!["drive", &x, &y, "0.5", "--for", "60", "--no-wait"],
                         _ => vec!["hold", "--no-wait"],
                     };
                     tell(home, session, &arguments, stop)?;
