@@ -239,7 +239,9 @@ impl Period<'_> {
             let most = most.map(|most| [0, 1, 2].map(|axis| most[axis].max(twists[0][axis].abs())));
             let faster =
                 |most: Velocity| (0..3).any(|axis| twists[1][axis].abs() > most[axis] + ROUNDING);
-            if most.is_some_and(faster) {
+            // A rejected answer leaves its place to the stored trajectory of the one before.
+            let answered = truths[1].count("acting_tick") == *tick;
+            if answered && most.is_some_and(faster) {
                 found.violations.push(format!(
                     "tick {tick}: the gate slows the robot from {:.3?} to {:.3?}, and {asked:.3?} \
                      was sent",

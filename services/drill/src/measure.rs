@@ -91,7 +91,14 @@ pub fn measure(
         Rule::Said => {
             within(&launch.misquoted, found.tick) || slowed.contains(&(found.epoch, found.tick))
         }
-        Rule::Rate => within(&launch.misquoted, found.tick) || within(&launch.misled, found.tick),
+        // A slowed input is one that the controller does not know. Rule `Leap` still holds.
+        Rule::Rate => {
+            within(&launch.misquoted, found.tick)
+                || within(&launch.misled, found.tick)
+                || [0, 1]
+                    .iter()
+                    .any(|ago| slowed.contains(&(found.epoch, found.tick.saturating_sub(*ago))))
+        }
         _ => false,
     };
     let mut violations: Vec<String> = judge(record, limits)
