@@ -261,7 +261,8 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
 }
 
 /// Median times of a whole tick on a circle, with N = 20, T = 20 ms and 100 learned points: without
-/// obstacles, and with eight discs that move with the robot, close around it. No tick allocates.
+/// obstacles, prepared for lists of which none has come, and with eight discs that move with the
+/// robot, close around it. No tick allocates.
 fn obstacles() -> Result<(), Box<dyn Error>> {
     const MEASURED: usize = 20_000;
     let mut settings = settings();
@@ -270,12 +271,13 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
     settings.reference.path =
         controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.0 };
     (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (20, 10);
-    let mut medians = [0.0; 2];
+    let mut medians = [0.0; 3];
     let mut held = 0;
     // Iterations of the solver, and times to linearise and to solve [ns], means.
     let mut sums = [0.0; 3];
-    for (median, among) in medians.iter_mut().zip([false, true]) {
-        settings.sees_obstacles = among;
+    let cases = [(false, false), (true, false), (true, true)];
+    for (median, (prepared, among)) in medians.iter_mut().zip(cases) {
+        settings.sees_obstacles = prepared;
         let mut controller = Controller::new(&settings)?;
         drop(controller.adopt(candidate(100)?));
         let handover = Handover::default();
@@ -329,9 +331,10 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
         times.sort_unstable();
         *median = 1e-3 * times[times.len() / 2] as f64;
     }
-    let ([without, with], [iterations, linearise, solve]) = (medians, sums);
+    let ([without, prepared, with], [iterations, linearise, solve]) = (medians, sums);
     println!(
-        "{{\"tick_without_obstacles_us\":{without:.1},\"with_8_us\":{with:.1},\
+        "{{\"tick_without_obstacles_us\":{without:.1},\"prepared_us\":{prepared:.1},\
+         \"with_8_us\":{with:.1},\
          \"ratio\":{:.2},\"held_share\":{:.2},\"iterations\":{iterations:.0},\
          \"linearise_us\":{:.1},\"solve_us\":{:.1}}}",
         with / without,
