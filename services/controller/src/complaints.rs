@@ -9,6 +9,7 @@
 //! | `Row`       | a motor carries far less than its limit although plans take it for full |
 //! | `NoEffect`  | the robot hardly moves as commanded                                     |
 //! | `Simple`    | the simple controller drove: plans did not hold the robot, or were none |
+//! | `NoList`    | the gate slowed the robot: its list of obstacles was too old            |
 //!
 //! ```text
 //! ratio = Σ Δp·v̄ T / Σ (v̄ T)²        Δp: displacement of a period in the body's frame
@@ -87,14 +88,20 @@ pub enum Complaint {
         /// In this share of the periods.
         share: f64,
     },
+    /// The robot is slow, because its list of obstacles is too old.
+    NoList {
+        /// In this share of the periods.
+        share: f64,
+    },
 }
 
 /// All present complaints, the worst first.
-type Complained = [Option<Complaint>; 6];
+type Complained = [Option<Complaint>; 7];
 
-/// Index of `Refusals` and of `Current` among them.
+/// Index of `Refusals`, `Current` and `NoList` among them.
 const REFUSALS: usize = 0;
 const CURRENT: usize = 5;
+const NO_LIST: usize = 6;
 
 /// Motors by their numbers, from 1 on.
 struct Motors([bool; WHEELS_MAX]);
@@ -148,6 +155,12 @@ impl Display for Complaint {
                  worse than it",
                 100.0 * share
             ),
+            Self::NoList { share } => write!(
+                f,
+                "the gate slows the robot in {:.0} % of the periods: its list of obstacles is too \
+                 old",
+                100.0 * share
+            ),
         }
     }
 }
@@ -185,8 +198,10 @@ pub struct Complaints {
     commanded: f64,
     /// Periods of the simple controller.
     simple: f64,
+    /// Periods in which the list of obstacles was too old.
+    no_list: f64,
     /// Complaints that have been reported and continue.
-    told: [bool; 6],
+    told: [bool; 7],
 }
 
 impl Complaints {
@@ -206,7 +221,8 @@ impl Complaints {
             followed: 0.0,
             commanded: 0.0,
             simple: 0.0,
-            told: [false; 6],
+            no_list: 0.0,
+            told: [false; 7],
         }
     }
 
@@ -244,6 +260,8 @@ impl Complaints {
         add(&mut self.followed, along(&now.input, &now.velocity));
         add(&mut self.commanded, along(&now.input, &now.input));
         add(&mut self.simple, f64::from(u8::from(now.is_simple)));
+        let is_without_list = state.reason() == Reason::ObstaclesUnknown;
+        add(&mut self.no_list, f64::from(u8::from(is_without_list)));
         let complained = self.complained(state.reason(), row);
         for (told, complaint) in self.told.iter_mut().zip(&complained) {
             *told &= complaint.is_some();
@@ -256,7 +274,7 @@ impl Complaints {
     fn complained(&self, reason: Reason, row: Option<Contradicted>) -> Complained {
         // Less than a second is not evaluated.
         if self.periods * self.period_s < 0.4 * MEMORY_S {
-            return [None; 6];
+            return [None; 7];
         }
         let share_of = |periods: f64| periods / self.periods;
         // A complaint continues until it has clearly ended.
@@ -267,6 +285,7 @@ impl Complaints {
         let is_commanded = share_of(self.commanded) > COMMANDED_LEAST.powi(2);
         let follows = self.followed / self.commanded;
         let (simple, at_limit) = (share_of(self.simple), share_of(self.at_limit));
+        let no_list = share_of(self.no_list);
         [
             (refused > often(REFUSALS)).then_some(Complaint::Refusals { share: refused, reason }),
             (moves && !RATIOS.contains(&ratio))
@@ -277,6 +296,7 @@ impl Complaints {
             row.map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
             (at_limit > often(CURRENT))
                 .then_some(Complaint::Current { share: at_limit, limit_a: self.limit_a }),
+            (no_list > often(NO_LIST)).then_some(Complaint::NoList { share: no_list }),
         ]
     }
 }
@@ -432,6 +452,16 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_that_is_slow_because_its_list_of_obstacles_is_too_old_is_reported() {
+        let slowed_by = |reason: Reason| {
+            told(|tick| PlantState { reason: reason.code(), ..circle(tick, PERIOD_S) })
+        };
+        let complaints = slowed_by(Reason::ObstaclesUnknown);
+        assert!(matches!(complaints[..], [Complaint::NoList { .. }]), "{complaints:?}");
+        assert_eq!(slowed_by(Reason::ProtectiveStop), []);
+    }
+
+    #[test]
     fn a_limit_that_its_motor_contradicts_is_reported_once() {
         let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
         let wheels = std::array::from_fn(|wheel| [1, 2].contains(&wheel));
@@ -473,6 +503,7 @@ mod tests {
             Complaint::Row { wheels: [true; WHEELS_MAX], carried: 0.5 },
             Complaint::NoEffect { share: -1.0 },
             Complaint::Simple { share: 1.0 },
+            Complaint::NoList { share: 1.0 },
         ] {
             assert_eq!(Sentence::of(&complaint).text(), complaint.to_string());
         }

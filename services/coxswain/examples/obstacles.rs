@@ -20,7 +20,9 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
             return Ok(ExitCode::from(2));
         }
     };
-    let mut list: PlannerList = serde_json::from_str(&fs::read_to_string(file)?)?;
+    let text = fs::read_to_string(file).map_err(|error| format!("{file}: {error}"))?;
+    let mut list: PlannerList =
+        serde_json::from_str(&text).map_err(|error| format!("{file}: {error}"))?;
     let mut lists = ObstacleLists::on_this_machine(None, &registry::base())?;
     let (begin, pause) = (Instant::now(), Duration::from_millis(100));
     while begin.elapsed().as_secs_f64() < seconds {
