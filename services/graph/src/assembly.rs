@@ -320,6 +320,7 @@ impl Assembly {
     pub fn controller(&self, run: Run) -> controller::Settings {
         let learner = &self.scenario.learner;
         controller::Settings {
+            sees_obstacles: self.sees_obstacles(run.pace),
             run,
             duration_s: self.scenario.duration_s,
             start: self.scenario.start.pose,
@@ -327,7 +328,6 @@ impl Assembly {
             reference: self.scenario.reference.clone(),
             goals: self.scenario.goals.clone(),
             map: self.map.clone(),
-            sees_obstacles: self.sees_obstacles(),
             mpc: self.scenario.mpc,
             identified: self.scenario.identified.clone(),
             learned: LearnedSettings {
@@ -344,11 +344,10 @@ impl Assembly {
 
     /// Whether lists of obstacles can arrive: in real time always, from a planner. In lock step only
     /// a simulator sends them for sure.
-    fn sees_obstacles(&self) -> bool {
+    fn sees_obstacles(&self, pace: Pace) -> bool {
         let Scenario { obstacles, lists, .. } = &self.scenario;
         let is_real = self.graph.driver.is_some() || self.graph.hosts.values().any(|it| it.driver);
-        self.graph.pace == Pace::RealTime
-            || (!is_real && (obstacles.is_some() || !lists.is_empty()))
+        pace == Pace::RealTime || (!is_real && (obstacles.is_some() || !lists.is_empty()))
     }
 
     /// Settings of the gateway.
