@@ -148,8 +148,8 @@ mod tests {
 
     #[test]
     fn json_and_toml_have_the_same_keys() -> Result<(), Box<dyn std::error::Error>> {
-        let json = r#"{"valid_s": 1.0,
-            "obstacles": [{"corners_m": [[1.0, 2.0]], "radius_m": 0.3, "velocity_mps": [0.1, 0.0]}]}"#;
+        let json = r#"{"valid_s": 1.0, "obstacles": [
+            {"corners_m": [[1.0, 2.0]], "radius_m": 0.3, "velocity_mps": [0.1, 0.0]}]}"#;
         let toml = "valid_s = 1.0\n[[obstacles]]\ncorners_m = [[1.0, 2.0]]\nradius_m = 0.3\n\
                     velocity_mps = [0.1, 0.0]\n";
         let list: PlannerList = serde_json::from_str(json)?;

@@ -342,8 +342,8 @@ impl Assembly {
         }
     }
 
-    /// Whether lists of obstacles can arrive: in real time always, from a planner. In lock step only
-    /// a simulator sends them for sure.
+    /// Whether lists of obstacles can arrive: in real time always, from a planner. In lock step
+    /// only a simulator sends them for sure.
     fn sees_obstacles(&self, pace: Pace) -> bool {
         let Scenario { obstacles, lists, .. } = &self.scenario;
         let is_real = self.graph.driver.is_some() || self.graph.hosts.values().any(|it| it.driver);
