@@ -26,6 +26,8 @@ pub struct AtArrival {
     pub acting: [f64; 3],
     /// Input that acted when the period began.
     pub begun_with: [f64; 3],
+    /// Whether the surroundings slow the robot: then the gate itself limits how its output changes.
+    pub slows: bool,
 }
 
 /// Judges one command. Pure; does not allocate.
@@ -61,7 +63,8 @@ pub fn judge(command: &Command, at: &AtArrival, bounds: &Bounds) -> Result<(), R
     // At this age, an entry of the tail may be the first input to act. A tail may have advanced
     // since the period began: both changes together are those of one period.
     let first = inputs().nth((age / bounds.period_nanos) as usize);
-    let leaps = |from: &[f64; 3]| first.is_some_and(|first| !bounds.allow_change(from, first));
+    let leaps =
+        |from: &[f64; 3]| !at.slows && first.is_some_and(|first| !bounds.allow_change(from, first));
     let steps = inputs().zip(command.tail());
     if leaps(&at.acting)
         || leaps(&at.begun_with)

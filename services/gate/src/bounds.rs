@@ -4,10 +4,8 @@ use robot::{Robot, Velocity, WHEELS_MAX};
 
 /// Rounding error of an optimiser at a bound, relative.
 const SLACK: f64 = 1e-6;
-/// The change is measured against the input that acts now. That may be the tail, one change from
-/// the last input on one side, while the fresh input is one change away on the other side. A tenth
-/// is added for the mean at which the optimiser starts.
-const CHANGE_SLACK: f64 = 2.2;
+/// A tenth is added to the change of one period, for the mean at which the optimiser starts.
+const CHANGE_SLACK: f64 = 1.1;
 
 /// Bounds of one robot for one period. Constant.
 #[derive(Debug, Clone, Copy)]
@@ -17,6 +15,7 @@ pub struct Bounds {
     /// Known delay of the link, added to the allowed age \[ns\].
     pub link_delay_nanos: u64,
     input: Velocity,
+    /// Change of one period.
     change: Velocity,
     brake: Velocity,
     /// Of J/(r `ω_max`); rows of no wheel are 0.
@@ -52,12 +51,31 @@ impl Bounds {
         in_box && self.wheel.iter().all(turning)
     }
 
-    /// Whether `to` may follow `from` one period later.
+    /// Whether the command `to` may follow where `from` acts. That may be a tail, one change from
+    /// the last input on one side, while the command is one change from it on the other side.
     pub fn allow_change(&self, from: &Velocity, to: &Velocity) -> bool {
         from.iter()
             .zip(to)
             .zip(&self.change)
-            .all(|((from, to), bound)| (to - from).abs() <= bound * (1.0 + SLACK))
+            .all(|((from, to), change)| (to - from).abs() <= 2.0 * change * (1.0 + SLACK))
+    }
+
+    /// The largest share of `twist` with which each axis gets faster than `from` by no more than
+    /// one change, or reverses.
+    pub(crate) fn share_in_reach(&self, from: &Velocity, twist: &Velocity) -> f64 {
+        let shares = (0..3).map(|axis| {
+            let kept = if from[axis] * twist[axis] > 0.0 { from[axis].abs() } else { 0.0 };
+            (kept + self.change[axis]) / twist[axis].abs()
+        });
+        shares.fold(1.0, f64::min)
+    }
+
+    /// `twist`, each axis no farther than one change from `from`.
+    pub(crate) fn in_reach(&self, from: &Velocity, twist: &Velocity) -> Velocity {
+        std::array::from_fn(|axis| {
+            let (from, change) = (from[axis], self.change[axis]);
+            twist[axis].max(from - change).min(from + change)
+        })
     }
 
     /// `input` after braking for `nanos`.

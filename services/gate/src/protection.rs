@@ -29,6 +29,19 @@ impl Slowed {
     }
 }
 
+/// What the gate put out before a decision.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Before {
+    /// Its last output.
+    pub input: Velocity,
+    /// Its output when the period began.
+    pub begun_with: Velocity,
+    /// Why the last output was not the command; [`Reason::None`] if it was.
+    pub slowed: Reason,
+    /// Time since the last output \[ns\].
+    pub elapsed_nanos: u64,
+}
+
 /// The newest list of one source.
 #[derive(Debug, Clone)]
 struct List {
@@ -155,28 +168,37 @@ impl Protection {
         seen.nanos = seen.nanos.max(now);
     }
 
-    /// The input at `now` that follows `previous` after `elapsed` \[ns\], when the command is
-    /// `twist`.
+    /// The input at `now` when the command is `twist`.
     ///
     /// It is the twist times the share that the surroundings allow. On the way to that share it
     /// falls no faster than the ramp of the brake. If an input on the way is not allowed itself,
-    /// the ramp brakes all axes.
+    /// the ramp brakes all axes. When the surroundings release a slowed robot, the share grows as
+    /// far as the change limit of one period allows.
     pub(crate) fn slow(
         &self,
         bounds: &Bounds,
         twist: &Velocity,
-        previous: &Velocity,
+        before: &Before,
         now: u64,
-        elapsed: u64,
     ) -> Slowed {
-        let (share, reason) = self.share(twist, now);
+        let (mut share, mut reason) = self.share(twist, now);
+        if before.slowed != Reason::None {
+            let reached = bounds.share_in_reach(&before.begun_with, twist);
+            if reached < share {
+                share = reached;
+                reason = if reason == Reason::None { before.slowed } else { reason };
+            }
+        }
         if reason == Reason::None {
             return Slowed::not(*twist);
         }
         let goal = twist.map(|value| share * value);
-        let input = bounds.slowed(previous, twist, &goal, elapsed);
+        let asked = bounds.in_reach(&before.begun_with, twist);
+        let input = bounds.slowed(&before.input, &asked, &goal, before.elapsed_nanos);
         let allowed = input == goal || self.share(&input, now).1 == Reason::None;
-        Slowed { input: if allowed { input } else { bounds.braked(previous, elapsed) }, reason }
+        let input =
+            if allowed { input } else { bounds.braked(&before.input, before.elapsed_nanos) };
+        Slowed { input, reason }
     }
 
     /// The largest allowed share of `twist` at `now`, and what bounds it; [`Reason::None`] if

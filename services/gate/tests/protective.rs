@@ -194,6 +194,35 @@ proptest! {
     }
 
     #[test]
+    fn among_obstacles_that_come_and_go_no_command_makes_the_output_leap(
+        periods in prop::collection::vec((prop::option::weighted(0.8, twists()), shapes(), any::<bool>()), 1..20),
+    ) {
+        let robot = slow_robot();
+        let mut gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&standing(&[]), &robot);
+        let mut last = [0.0; 3];
+        for (tick, (twist, shape, is_there)) in (0..).zip(periods) {
+            let now = tick * PERIOD;
+            gate.begin_period(tick, now);
+            gate.see_pose(&[0.0; 3], &[0.0; 3]);
+            let list = [Obstacle::standing(shape)];
+            let list = if is_there { &list[..] } else { &[] };
+            prop_assert!(gate.see_obstacles(ObstacleSource::Robot, list, now, u64::MAX).is_ok());
+            // The gate rejects what is too fast.
+            let _ = twist.map(|twist| gate.offer(&command(tick, twist), now));
+            let begun_with = last;
+            for slice in 0..PERIOD / SLICE {
+                last = gate.decide(now + slice * SLICE).input;
+                for axis in 0..3 {
+                    let most = [2.0, 2.0, 4.0][axis] * 0.1 * 2.2 + [5.0, 5.0, 10.0][axis] * 0.1;
+                    let leap = (last[axis] - begun_with[axis]).abs();
+                    prop_assert!(leap <= most + 1e-5, "{begun_with:?} to {last:?}");
+                }
+            }
+            gate.end_period(now + PERIOD);
+        }
+    }
+
+    #[test]
     fn without_anything_near_the_output_has_the_same_bits_as_without_surroundings(
         commands in prop::collection::vec(prop::option::weighted(0.8, twists()), 1..12),
     ) {
@@ -274,6 +303,64 @@ fn a_robot_that_is_held_is_driven_again_as_soon_as_the_obstacle_is_gone() {
         }
     }
     assert!((mean - 1.0).abs() < 1e-9, "{mean}");
+}
+
+/// One that brakes faster than a controller may change its commands.
+fn slow_robot() -> Robot {
+    let mut robot = robot();
+    (robot.limits.input_rate_mps2, robot.limits.yaw_input_rate_radps2) = (2.0, 4.0);
+    (robot.limits.brake_mps2, robot.limits.yaw_brake_radps2) = (5.0, 10.0);
+    robot
+}
+
+#[test]
+fn while_the_gate_brakes_before_an_obstacle_the_next_command_is_accepted() {
+    let robot = slow_robot();
+    let mut gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&standing(&[]), &robot);
+    for tick in 0..8 {
+        let now = tick * PERIOD;
+        gate.begin_period(tick, now);
+        gate.see_pose(&[0.0; 3], &[0.0; 3]);
+        assert_eq!(gate.offer(&command(tick, [0.2 * tick as f64, 0.0, 0.0]), now), Ok(()));
+        gate.decide(now);
+    }
+    let now = 8 * PERIOD;
+    gate.begin_period(8, now);
+    gate.see_pose(&[0.0; 3], &[1.4, 0.0, 0.0]);
+    let wall = [Obstacle::standing(disc(0.8, 0.0, 0.3))];
+    assert_eq!(gate.see_obstacles(ObstacleSource::Robot, &wall, now, PERIOD), Ok(()));
+    let slowed = gate.decide(now + PERIOD - SLICE);
+    assert!(slowed.input[0] < 1.0 && slowed.reason == Reason::ProtectiveStop, "{slowed:?}");
+    let next = command(8, [1.6, 0.0, 0.0]);
+    assert_eq!(gate.offer(&next, now + PERIOD - SLICE), Ok(()));
+}
+
+#[test]
+fn a_stored_tail_that_is_released_gets_faster_by_one_change_per_period() {
+    let robot = slow_robot();
+    let mut gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&standing(&[]), &robot);
+    let mut outputs = Vec::new();
+    for tick in 0..11 {
+        let now = tick * PERIOD;
+        gate.begin_period(tick, now);
+        gate.see_pose(&[0.0; 3], &[0.0; 3]);
+        let wall = [Obstacle::standing(disc(0.8, 0.0, 0.5))];
+        let list = if tick == 8 { &wall[..] } else { &[] };
+        assert_eq!(gate.see_obstacles(ObstacleSource::Robot, list, now, 9 * PERIOD), Ok(()));
+        if tick < 9 {
+            let asked = 1.4_f64.min(0.2 * tick as f64);
+            assert_eq!(gate.offer(&command(tick, [asked, 0.0, 0.0]), now), Ok(()));
+        }
+        let last = (0..50).map(|slice| gate.decide(now + slice * SLICE).input[0]).last();
+        outputs.push((last.unwrap_or_default(), gate.end_period(now + PERIOD).1));
+    }
+    let [(before, _), (slowed, reason), (released, still), (next, _)] = outputs[7..] else {
+        unreachable!("eleven periods")
+    };
+    assert!((before - 1.4).abs() < 1e-9 && slowed < 1.0, "{outputs:?}");
+    assert_eq!((reason, still), (Reason::ProtectiveStop, Reason::ProtectiveStop));
+    assert!((released - slowed - 0.22).abs() < 1e-9, "{outputs:?}");
+    assert!((next - released - 0.22).abs() < 1e-9 || (next - 1.4).abs() < 1e-9, "{outputs:?}");
 }
 
 #[test]

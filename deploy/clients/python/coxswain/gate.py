@@ -77,6 +77,14 @@ class Limits:
         steps = zip(before, after, self.rate)
         return all(abs(b - a) <= 2.2 * rate * self.period * ROUNDING for a, b, rate in steps)
 
+    def reach(self, before: Vector, after: Vector) -> tuple[float, Vector]:
+        """Duty 6: the largest share of `after` whose axes get faster than `before` by 1.1 changes,
+        and `after` with each axis at most 1.1 changes from `before`.
+        """
+        axes = [(a, b, 1.1 * rate * self.period) for a, b, rate in zip(before, after, self.rate)]
+        shares = [((abs(a) if a * b > 0.0 else 0.0) + c) / abs(b) for a, b, c in axes if b]
+        return min([1.0, *shares]), tuple(min(max(b, a - c), a + c) for a, b, c in axes)
+
 
 class Gate:
     """Selects the command that acts on the wheels: duties 1 and 3 to 10.
@@ -95,6 +103,7 @@ class Gate:
         self.limits, self.epoch, self.delay = limits, epoch, delay
         self.protection = protection  # None: the gate knows no obstacles
         self.slowed = NONE  # why the last command of the current period was slowed
+        self.slows = NONE  # why the last output is not the command
         self.tick = 0
         self.published: dict[int, float] = {}
         self.stored: Command | None = None
@@ -211,7 +220,8 @@ class Gate:
             return TOO_OLD
         age = int((now - published) / period + 1e-9)
         first = inputs[age : age + 1]  # the first input that acts, if any
-        earlier = (self.acting_at_begin, self.acting)
+        # While the surroundings slow the robot, duty 6 limits the change.
+        earlier = () if self.slows else (self.acting_at_begin, self.acting)
         steps = [*zip(inputs, command.tail), *((a, b) for a in earlier for b in first)]
         if not all(self.limits.allow_step(*step) for step in steps):
             return RATE_TOO_HIGH
@@ -226,10 +236,11 @@ class Gate:
         self.worst = max(self.worst, (fallback_level, reason))
         if self.protection:
             self.protection.predict(self.acting, now)
+        slowed_before, self.slows = self.slows, NONE
         if chosen is None:
             chosen = self._braked(elapsed)
         elif self.protection and any(chosen):
-            chosen = self._slow(self.protection, chosen, now, elapsed)
+            chosen = self._slow(self.protection, chosen, slowed_before, now, elapsed)
         self.acting = chosen
         return chosen
 
@@ -237,17 +248,23 @@ class Gate:
         axes = zip(self.acting, self.limits.brake)
         return tuple(math.copysign(max(abs(v) - b * elapsed, 0.0), v) for v, b in axes)
 
-    def _slow(self, protection: Protection, asked: Vector, now: float, elapsed: float) -> Vector:
+    def _slow(
+        self, protection: Protection, asked: Vector, before: int, now: float, elapsed: float
+    ) -> Vector:
         """Protective stop: the command as far as the surroundings allow it.
 
-        On the way to its share it falls no faster than the ramp of the brake.
+        On the way to its share it falls no faster than the ramp of the brake. After `before`, the
+        reason of a slower output, it rises by a change per period.
         """
         share, reason = protection.share(asked, now)
+        reached, near = self.limits.reach(self.acting_at_begin, asked)
+        if before != NONE and reached < share:
+            share, reason = reached, reason or before
         if reason == NONE:
             return asked
-        self.slowed = reason
+        self.slowed = self.slows = reason
         braked, goal = self._braked(elapsed), tuple(share * value for value in asked)
-        axes = zip(self.acting, braked, asked, goal)
+        axes = zip(self.acting, braked, near, goal)
         slowed = tuple(
             max(g, min(b, a)) if v > 0.0 else min(g, max(b, a)) if v < 0.0 else g
             for v, b, a, g in axes

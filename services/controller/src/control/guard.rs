@@ -166,6 +166,7 @@ impl Guard {
             writer: None,
             acting,
             begun_with: acting,
+            slows: false,
         };
         judge(command, &at_arrival, &self.bounds)
     }
