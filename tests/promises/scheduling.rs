@@ -51,8 +51,7 @@ fn processes_run_with_the_scheduling_of_their_graph_file() -> Outcome {
     let launched = launched_with(
         &format!(
             "[processes.controller.scheduling]\nprocessors = [{first}]\nreal_time_priority = 7\n\
-             lock_memory = true\n\
-             [processes.plant.scheduling]\nreal_time_priority = 0\n"
+             [processes.plant.scheduling]\nreal_time_priority = 0\nlock_memory = false\n"
         ),
         &[],
     );

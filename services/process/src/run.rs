@@ -80,10 +80,13 @@ impl Run {
         }
     }
 
-    /// Sets the priority for opening the ports of a process on the control path. Shared memory
-    /// takes tens of milliseconds, so the process runs below a running control loop and above all
-    /// others.
+    /// Locks the memory of a process on the control path, and sets its priority for opening its
+    /// ports. Shared memory takes tens of milliseconds, so the process runs below a running control
+    /// loop and above all others.
     pub fn go_first_to_open(&self) {
+        if self.pace == Pace::RealTime {
+            self.scheduling.lock_memory_if_permitted();
+        }
         if self.priority().is_some() {
             priority::go_before_the_rest();
         }

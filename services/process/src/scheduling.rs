@@ -10,15 +10,17 @@ use settings::{Check, Impossible};
 /// Largest allowed priority: hardware interrupts have priorities from 50 on.
 const PRIORITY_MAX: u8 = 49;
 
-/// Settings of the scheduling. By default the system decides, except for the priority of processes
-/// on the control path.
+/// Settings of the scheduling. By default the system decides, except for the priority and the memory
+/// of processes on the control path.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scheduling {
     /// Processors that it may run on, by the numbers of the system; all if the list is empty.
     pub processors: Vec<usize>,
-    /// Whether all its memory, present and later, is loaded and locked.
-    pub lock_memory: bool,
+    /// Whether all its memory, present and later, is loaded and locked. If absent: that of plant and
+    /// controller in real time, where that is permitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lock_memory: Option<bool>,
     /// Real-time priority (`SCHED_FIFO`) of plant and controller in real time; 0 for none. If
     /// absent: 10, where that is permitted.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -85,7 +87,7 @@ impl Scheduling {
     /// [`SchedulingError`] if the system refuses.
     pub fn apply(&self) -> Result<(), SchedulingError> {
         self.stay_on_processors()?;
-        if self.lock_memory {
+        if self.lock_memory == Some(true) {
             keep_memory()?;
         }
         match self.real_time_priority {
@@ -93,6 +95,23 @@ impl Scheduling {
                 Err(SchedulingError::Priority { asked })
             }
             _ => Ok(()),
+        }
+    }
+
+    /// Locks the memory of a process on the control path, if its settings do not say whether to. A
+    /// period that waits for a page of its program from a disk can last for a quarter of a second.
+    ///
+    /// Without permission nothing changes. That is logged, because it explains late commands.
+    pub(crate) fn lock_memory_if_permitted(&self) {
+        if self.lock_memory.is_some() {
+            return;
+        }
+        if keep_memory().is_ok() {
+            tracing::info!("all memory is locked");
+        } else {
+            tracing::info!(
+                "memory is not locked: not permitted; see docs/how-to/real-time-priority.md"
+            );
         }
     }
 
