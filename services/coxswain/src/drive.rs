@@ -29,15 +29,15 @@ const DEAD_MAN_S: RangeInclusive<f64> = 0.2..=5.0;
 /// A body velocity, or how to drive by keyboard.
 #[derive(Debug, Clone, Args)]
 pub struct DriveOptions {
-    /// Velocity forward and to the left \[m/s\], and counter-clockwise \[rad/s\]. Without it, the
+    /// Velocity forward and to the left (m/s), and counter-clockwise (rad/s). Without it, the
     /// keyboard drives the robot.
     #[arg(num_args = 3, value_names = ["FORWARD", "LEFT", "RATE"], allow_negative_numbers = true)]
     pub velocity: Vec<f64>,
-    /// Time for which the velocity is valid; then the robot brakes \[s\].
+    /// Time for which the velocity is valid; then the robot brakes (s).
     #[arg(long = "for", value_name = "SECONDS", default_value_t = 1.0, requires = "velocity")]
     pub valid_s: f64,
     /// By keyboard: time for which a key acts; then the robot brakes. It must be longer than the
-    /// time before the terminal repeats a held key \[s\].
+    /// time before the terminal repeats a held key (s).
     #[arg(
         long = "dead-man",
         value_name = "SECONDS",
@@ -47,7 +47,7 @@ pub struct DriveOptions {
     )]
     pub dead_man_s: f64,
     /// Largest speed; by default, and at most, 70 % of that of the robot file. By keyboard: speed at
-    /// the start, by default 0.3 \[m/s\].
+    /// the start, by default 0.3 (m/s).
     #[arg(long, value_name = "M/S")]
     pub speed: Option<f64>,
     /// Return when the controller has accepted the velocity, not when the robot stands.

@@ -23,7 +23,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 /// The run, and how to wait.
 #[derive(Debug, Clone, Args)]
 pub struct GoalOptions {
-    /// Largest speed on the way \[m/s\]; by default, and at most, 70 % of that of the robot file.
+    /// Largest speed on the way (m/s); by default, and at most, 70 % of that of the robot file.
     #[arg(long, value_name = "M/S")]
     pub speed: Option<f64>,
     /// Return when the controller has accepted the goal, not when the robot stands there. With --at
@@ -37,10 +37,10 @@ pub struct GoalOptions {
 /// A pose to go to.
 #[derive(Debug, Clone, Args)]
 pub struct GoOptions {
-    /// x in the world \[m\].
+    /// x in the world (m).
     #[arg(allow_negative_numbers = true)]
     pub x: f64,
-    /// y in the world \[m\].
+    /// y in the world (m).
     #[arg(allow_negative_numbers = true)]
     pub y: f64,
     /// Heading in the world: radians, or degrees as in 90deg.

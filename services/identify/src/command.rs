@@ -44,16 +44,16 @@ pub struct IdentifyOptions {
     /// Folder of the results, new or empty: robot.toml, report.html, and the drive.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Length and width of the free rectangle, as 3x2 \[m\].
+    /// Length and width of the free rectangle, as 3x2 (m).
     #[arg(long, value_name = "SIZE", default_value = "2x2", requires = "drive", value_parser = size)]
     pub area: [f64; 2],
-    /// Largest planar speed of the drive \[m/s\].
+    /// Largest planar speed of the drive (m/s).
     #[arg(long, value_name = "M/S", default_value_t = 0.5, requires = "drive")]
     pub speed: f64,
-    /// Largest yaw rate of the drive \[rad/s\].
+    /// Largest yaw rate of the drive (rad/s).
     #[arg(long, value_name = "RAD/S", default_value_t = 1.0, requires = "drive")]
     pub yaw_rate: f64,
-    /// Duration of the drive \[s\].
+    /// Duration of the drive (s).
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0, requires = "drive")]
     pub duration: f64,
     /// Seed of the drive.
