@@ -165,8 +165,7 @@ fn judge(record: &Record, robot: &Robot, limits: &Limits) -> Result<Found, Troub
             continue;
         };
         let period = Period { tick, truths, states, obstacle };
-        let asked = commands.get(&tick).map(|command| command.numbers("input"));
-        there = Some(period.judge(there, robot, limits, asked.as_deref(), &mut found)?);
+        there = Some(period.judge(there, robot, limits, &asked(&commands, tick)?, &mut found)?);
     }
     Ok(found)
 }
@@ -176,6 +175,21 @@ fn at_both<'a>(of: &BTreeMap<u64, &'a Message>, tick: u64) -> Option<[&'a Messag
     Some([*of.get(&tick)?, *of.get(&(tick + 1))?])
 }
 
+/// What the controller asks in the period of `tick`: until its answer arrives the stored trajectory
+/// acts, which is that of the answer before.
+fn asked(commands: &BTreeMap<u64, &Message>, tick: u64) -> Result<Vec<Velocity>, Trouble> {
+    let mut asked = Vec::new();
+    if let Some(command) = commands.get(&tick) {
+        asked.push(triple(command, "input")?);
+    }
+    let before = tick.checked_sub(1).and_then(|before| commands.get(&before));
+    let tail = before.map(|command| &command.says["tail"][0]);
+    if let Some(Ok(first)) = tail.map(|first| serde_json::from_value(first.clone())) {
+        asked.push(first);
+    }
+    Ok(asked)
+}
+
 impl Period<'_> {
     /// Judges the period, and returns what is known of the obstacle after it.
     fn judge(
@@ -183,7 +197,7 @@ impl Period<'_> {
         there: Option<There>,
         robot: &Robot,
         limits: &Limits,
-        asked: Option<&[f64]>,
+        asked: &[Velocity],
         found: &mut Found,
     ) -> Result<There, Trouble> {
         let Self { tick, truths, states, obstacle } = self;
@@ -233,15 +247,14 @@ impl Period<'_> {
         }
         if is_slowed(states[1]) {
             found.slowed += 1;
-            let asked: Option<Velocity> = asked.and_then(|asked| asked.try_into().ok());
             // A slowed robot gets less than what acted before or was sent: it never speeds up.
-            let most = asked.map(|asked| asked.map(f64::abs));
-            let most = most.map(|most| [0, 1, 2].map(|axis| most[axis].max(twists[0][axis].abs())));
-            let faster =
-                |most: Velocity| (0..3).any(|axis| twists[1][axis].abs() > most[axis] + ROUNDING);
+            let faster = (0..3).any(|axis| {
+                let most = asked.iter().chain([&twists[0]]).map(|twist| twist[axis].abs());
+                twists[1][axis].abs() > most.fold(0.0, f64::max) + ROUNDING
+            });
             // A rejected answer leaves its place to the stored trajectory of the one before.
             let answered = truths[1].count("acting_tick") == *tick;
-            if answered && most.is_some_and(faster) {
+            if answered && faster {
                 found.violations.push(format!(
                     "tick {tick}: the gate slows the robot from {:.3?} to {:.3?}, and {asked:.3?} \
                      was sent",
@@ -249,12 +262,9 @@ impl Period<'_> {
                 ));
             }
             // All that the robot does, or is to do, leads away.
-            let all = [Some(measured), Some(twists[0]), Some(twists[1]), asked];
-            let leaves = all.iter().all(|twist| {
-                twist.is_some_and(|twist| {
-                    closing(&twist, &poses[0]) < LEAVES_MPS
-                        && is_straight(&footprint.placed(&poses[0]), &poses[0], &twist, obstacle)
-                })
+            let leaves = [measured, twists[0], twists[1]].iter().chain(asked).all(|twist| {
+                closing(twist, &poses[0]) < LEAVES_MPS
+                    && is_straight(&footprint.placed(&poses[0]), &poses[0], twist, obstacle)
             });
             if leaves {
                 found.violations.push(format!(
