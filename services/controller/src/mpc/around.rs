@@ -15,6 +15,7 @@
 //! n·Δp + (r × n) Δθ ≤ d_{k+1} − b_{k+1} + s          b_0 = d_0
 //! b_{k+1} = max(m, b_k − T c(b_k − m))               outside the margin
 //! b_{k+1} = b_k + (1 − e^{−T/θ}) (m − b_k)           inside it, back to it with θ = 0.2 s
+//! b_{k+1} ≤ b_k + T v                                where it touches, with v = 0.3 m/s
 //! c τ + c²/2a = D                                    for the largest closing speed c(D)
 //! ```
 //! b is the fastest approach from now on whose braking ramp still ends before the margin, as the
@@ -39,6 +40,8 @@ const SPARE_M: f64 = 0.3;
 const UNSURE_S: f64 = 0.3;
 /// θ: time in which a robot inside the margin returns to it \[s\].
 const RETURN_S: f64 = 0.2;
+/// v: speed with which a robot leaves what touches it, so that it harms nobody by a leap \[m/s\].
+const LEAVES_MPS: f64 = 0.3;
 /// A row whose bound is closer than this, in units of its bound, holds the plan.
 const HOLDS: f64 = 1e-3;
 
@@ -154,7 +157,8 @@ impl Around {
         if room >= 0.0 {
             return margin_m.max(before - self.period_s * self.closing_speed(room));
         }
-        before - (1.0 - (-self.period_s / RETURN_S).exp()) * room
+        let back = (1.0 - (-self.period_s / RETURN_S).exp()) * -room;
+        before + if before < 0.0 { back.min(LEAVES_MPS * self.period_s) } else { back }
     }
 
     /// m of an obstacle \[m\].
@@ -200,15 +204,17 @@ mod tests {
     /// Drives along the x axis at 0.8 m/s for `ticks`, among `obstacles`. Returns the smallest
     /// distance of the footprint from them, and the last state.
     fn driven(obstacles: &[Obstacle], ticks: usize) -> Result<(f64, State), MpcError> {
-        driven_by(true, obstacles, ticks)
+        driven_by(true, 0.8, obstacles, ticks).map(|(least, _, state)| (least, state))
     }
 
-    /// The same; `knows` whether the program has rows for them.
+    /// The same with another speed, and the largest speed; `knows` whether the program has rows for
+    /// them.
     fn driven_by(
         knows: bool,
+        speed_mps: f64,
         obstacles: &[Obstacle],
         ticks: usize,
-    ) -> Result<(f64, State), MpcError> {
+    ) -> Result<(f64, f64, State), MpcError> {
         let robot = Robot::example();
         let main = MainModel::new(&robot, PERIOD_S);
         let belief = Belief {
@@ -226,12 +232,12 @@ mod tests {
             Mpc::new(&settings, &robot, &main)?
         };
         let (mut state, mut input) = (State::default(), [0.0; 3]);
-        let mut least = f64::INFINITY;
+        let (mut least, mut fastest) = (f64::INFINITY, 0.0_f64);
         mpc.begin_at(&state);
         for tick in 0..ticks {
             let point = |k: usize| ReferencePoint {
-                pose: [0.8 * PERIOD_S * (tick + k) as f64, 0.0, 0.0],
-                velocity: [0.8, 0.0, 0.0],
+                pose: [speed_mps * PERIOD_S * (tick + k) as f64, 0.0, 0.0],
+                velocity: [speed_mps, 0.0, 0.0],
                 course: 0.0,
             };
             let reference: Vec<ReferencePoint> = (0..=20).map(point).collect();
@@ -242,6 +248,7 @@ mod tests {
             assert!(mpc.iterate(&state, &input, &reference, &belief).outcome.usable(), "{tick}");
             input = mpc.stages()[0].input;
             state = belief.predict(&state, &input);
+            fastest = fastest.max(state.velocity[0].hypot(state.velocity[1]));
             let footprint = robot.footprint().shape().placed(&state.pose);
             let apart = now
                 .iter()
@@ -249,7 +256,7 @@ mod tests {
                 .fold(f64::INFINITY, f64::min);
             least = least.min(apart);
         }
-        Ok((least, state))
+        Ok((least, fastest, state))
     }
 
     #[test]
@@ -285,7 +292,7 @@ mod tests {
         let far: Vec<Obstacle> = (0..64)
             .map(|i| disc(200.0 + f64::from(i), 90.0, [0.1, 0.0]))
             .collect::<Result<_, _>>()?;
-        let ((_, with), (_, without)) = (driven(&far, 40)?, driven_by(false, &far, 40)?);
+        let ((_, with), (_, _, without)) = (driven(&far, 40)?, driven_by(false, 0.8, &far, 40)?);
         assert_eq!(with, without);
         assert_eq!(driven(&[], 40)?.1, without);
         Ok(())
@@ -295,6 +302,19 @@ mod tests {
     fn a_robot_inside_an_obstacle_leaves_it() -> Result<(), Box<dyn std::error::Error>> {
         let (_, state) = driven(&[disc(-0.1, 0.0, [0.0; 2])?], 40)?;
         assert!(state.pose[0] > 2.0, "{state:?}");
+        Ok(())
+    }
+
+    #[test]
+    fn a_robot_that_stands_leaves_what_touches_it_slowly() -> Result<(), Box<dyn std::error::Error>>
+    {
+        for at in [[0.02, 0.05], [-0.25, 0.0], [0.0, 0.3]] {
+            let touching = disc(at[0], at[1], [0.0; 2])?;
+            let (_, fastest, state) = driven_by(true, 0.0, &[touching], 60)?;
+            let footprint = Robot::example().footprint().shape().placed(&state.pose);
+            let apart = footprint.separation(&touching.shape).distance_m;
+            assert!(apart > 0.0 && fastest < 0.6, "{at:?}: {apart} m, {fastest} m/s");
+        }
         Ok(())
     }
 }
