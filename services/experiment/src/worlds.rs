@@ -11,6 +11,7 @@ use controller::goal::schedule::Scheduled;
 use graph::assembly::Assembly;
 use graph::options::Options;
 use graph::scenario::Scenario;
+use model::wrap;
 use motion::{Ground, route};
 use plant_sim::obstacles::{Crowd, ImpossibleObstacle, Moving, ObstacleSettings};
 use process::{Pace, Pulse, Stop};
@@ -96,6 +97,10 @@ pub struct WorldRow {
     pub reached: bool,
     /// Time after which it stayed there \[s\].
     pub reached_s: Option<f64>,
+    /// True distance from the goal at the end \[m\].
+    pub end_m: f64,
+    /// True heading at the end, relative to the goal's \[rad\].
+    pub end_rad: f64,
     /// Smallest distance of the true footprint from a disc \[m\].
     pub least_m: f64,
     /// The first collision, if there is one.
@@ -278,6 +283,8 @@ fn drive(base: &Assembly, seed: u64, folder: &Path) -> Result<WorldRow, WorldErr
         has_way,
         reached: at_end,
         reached_s: at_end.then_some(judge.away_at),
+        end_m: judge.last.map_or(f64::INFINITY, |truth| judge.distance_m(&truth)),
+        end_rad: judge.last.map_or(PI, |truth| wrap(truth.pose[2] - goal[2])),
         least_m: judge.least_m,
         collision: judge.collision,
         slowed_share: judge.slowed as f64 / judge.states.max(1) as f64,
@@ -303,8 +310,12 @@ struct Judge {
 }
 
 impl Judge {
+    fn distance_m(&self, truth: &Truth) -> f64 {
+        (truth.pose[0] - self.goal[0]).hypot(truth.pose[1] - self.goal[1])
+    }
+
     fn is_at_goal(&self, truth: &Truth) -> bool {
-        (truth.pose[0] - self.goal[0]).hypot(truth.pose[1] - self.goal[1]) <= REACHED_M
+        self.distance_m(truth) <= REACHED_M
     }
 
     fn look(&mut self, truth: &Truth) {
@@ -390,6 +401,13 @@ fn rendered(rows: &[WorldRow]) -> String {
             100.0 * slowed,
         );
     }
+    let reached = || rows.iter().filter(|row| row.reached);
+    let _ = writeln!(
+        text,
+        "where the goal is reached, the robot ends at most {:.1} mm and {:.2}° from it",
+        1e3 * reached().map(|row| row.end_m).fold(0.0, f64::max),
+        reached().map(|row| row.end_rad.abs()).fold(0.0, f64::max).to_degrees(),
+    );
     for row in rows.iter().filter(|row| row.collision.is_some() || (row.has_way && !row.reached)) {
         let what = row.collision.map_or("not reached".to_owned(), |collision| {
             format!(
