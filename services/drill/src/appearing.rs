@@ -3,11 +3,12 @@
 //! | rule    | what must hold                                                                  |
 //! |---------|---------------------------------------------------------------------------------|
 //! | stops   | one that appears farther away than the robot needs to stop is not touched       |
-//! | brakes  | while one touches the footprint, the ramp of the brake ends each motion towards |
-//! |         | it; from then on no command leads towards it                                    |
+//! | brakes  | while one touches the footprint, the robot comes to rest or leaves; from then   |
+//! |         | on it does not get deeper into it                                               |
 //! | slows   | where the gate slows the robot, no axis gets faster than it was and was sent   |
 //! | leaves  | a robot that moves and is commanded straight away from it is not slowed: at     |
-//! |         | most 45° beside −n, and without a turn. The gate has to expect more of others   |
+//! |         | most 45° beside −n, and without a turn. The gate has to expect more of others.  |
+//! |         | A robot that was slowed before needs some periods to its full speed             |
 //! | resumes | when they are gone, the robot reaches its goal                                  |
 //!
 //! n is the unit vector from the footprint to the obstacle. The closing speed of a body velocity is
@@ -34,8 +35,8 @@ const STAYS_MILLIS: u64 = 1500;
 /// Where the robot drives to and fro \[m\], and its largest speed.
 const FAR_M: f64 = 2.0;
 const SPEED_MPS: &str = "1.5";
-/// Closing speed that counts as none: the normal turns while the robot moves \[m/s\].
-const SLACK_MPS: f64 = 0.02;
+/// Way deeper into an obstacle that counts as none \[m\].
+const DEEPER_M: f64 = 0.005;
 /// Rounding \[m/s, rad/s\].
 const ROUNDING: f64 = 1e-5;
 /// Closing speed of a robot that leaves, at most \[m/s\].
@@ -44,6 +45,8 @@ const LEAVES_MPS: f64 = -0.1;
 const LEAVES_RADPS: f64 = 0.3;
 /// Periods between an obstacle and the last one that its ramp begins in.
 const RAMP_PERIODS: u64 = 3;
+/// Periods in which a robot that was slowed gets its full speed back.
+const RELEASE_PERIODS: u64 = 3;
 
 /// Faults of `times` obstacles around a robot that drives along x.
 pub(super) fn faults(times: u32, seed: u64) -> String {
@@ -143,9 +146,12 @@ struct There {
     since: u64,
     /// Whether the robot can stop before it.
     is_far: bool,
-    /// First tick of the present touch, and the tick at which its ramp has ended.
-    touch: Option<(u64, u64)>,
+    /// Tick at which the robot rests after it has begun to touch, and its least distance until then
+    /// \[m\].
+    touch: Option<(u64, f64)>,
     has_touched: bool,
+    /// Number of periods in a row in which the robot left it, but was slowed.
+    slowed_periods: u64,
 }
 
 fn judge(record: &Record, robot: &Robot, limits: &Limits) -> Result<Found, Trouble> {
@@ -203,19 +209,26 @@ impl Period<'_> {
         let Self { tick, truths, states, obstacle } = self;
         let bare = robot.footprint().shape();
         let footprint = bare.grown(robot.footprint().clearance_m);
-        let poses = [triple(truths[0], "pose")?, triple(truths[1], "pose")?];
+        let pose = &triple(truths[0], "pose")?;
+        let placed = footprint.placed(pose);
         let measured = triple(truths[0], "velocity")?;
         let twists = truths.map(|truth| commanded(truth, limits).unwrap_or([f64::NAN; 3]));
-        let apart = footprint.placed(&poses[0]).separation(&obstacle.shape).distance_m;
+        let apart = placed.separation(&obstacle.shape).distance_m;
         let mut there = there.unwrap_or_else(|| {
             let speed = measured[0].hypot(measured[1]).max(twists[0][0].hypot(twists[0][1]));
             found.moving += u64::from(speed > 0.1);
             // Response and two periods at full speed, then the ramp, of each axis at least.
             let way = speed * (robot.response_time_s() + 2.0 * limits.period_s)
                 + 0.5 * speed * speed / limits.brake[0];
-            There { since: *tick, is_far: apart > way, touch: None, has_touched: false }
+            There {
+                since: *tick,
+                is_far: apart > way,
+                touch: None,
+                has_touched: false,
+                slowed_periods: 0,
+            }
         });
-        let touches = bare.placed(&poses[0]).separation(&obstacle.shape).distance_m;
+        let touches = bare.placed(pose).separation(&obstacle.shape).distance_m;
         if there.is_far && touches <= 0.0 {
             found.violations.push(format!(
                 "tick {tick}: the robot touches what appeared at tick {} far enough away: \
@@ -223,24 +236,21 @@ impl Period<'_> {
                 there.since
             ));
         }
-        let closing = |twist: &Velocity, pose: &[f64; 3]| {
-            closing_mps(&footprint.placed(pose), pose, twist, obstacle)
-        };
         if apart > 0.0 {
             there.touch = None;
         } else {
             let longest = (0..3).map(|axis| twists[0][axis].abs() / limits.brake[axis]);
-            let longest = longest.fold(0.0, f64::max) / limits.period_s;
-            let ends = tick + longest.ceil() as u64 + RAMP_PERIODS;
-            let (_, ends) = *there.touch.get_or_insert((*tick, ends));
+            let longest = longest.fold(robot.response_time_s(), f64::max) / limits.period_s;
+            let rests = tick + 2 * longest.ceil() as u64 + RAMP_PERIODS;
+            let (rests, least) = *there.touch.get_or_insert((rests, apart));
             found.touched += u64::from(!there.has_touched);
             there.has_touched = true;
-            let speed = poses.iter().map(|pose| closing(&twists[1], pose));
-            let speed = speed.fold(f64::INFINITY, f64::min);
-            if *tick > ends && (speed > SLACK_MPS || speed.is_nan()) {
+            if *tick <= rests {
+                there.touch = Some((rests, least.min(apart)));
+            } else if apart < least - DEEPER_M {
                 found.violations.push(format!(
-                    "tick {tick}: the obstacle of tick {} touches the footprint ({apart:.3} m), \
-                     and the command closes in with {speed:.3} m/s",
+                    "tick {tick}: the robot is at {apart:.3} m from the obstacle of tick {}, and \
+                     was at {least:.3} m when it had braked",
                     there.since
                 ));
             }
@@ -263,15 +273,18 @@ impl Period<'_> {
             }
             // All that the robot does, or is to do, leads away.
             let leaves = [measured, twists[0], twists[1]].iter().chain(asked).all(|twist| {
-                closing(twist, &poses[0]) < LEAVES_MPS
-                    && is_straight(&footprint.placed(&poses[0]), &poses[0], twist, obstacle)
+                closing_mps(&placed, pose, twist, obstacle) < LEAVES_MPS
+                    && is_straight(&placed, pose, twist, obstacle)
             });
-            if leaves {
+            there.slowed_periods = if leaves { there.slowed_periods + 1 } else { 0 };
+            if there.slowed_periods > RELEASE_PERIODS {
                 found.violations.push(format!(
                     "tick {tick}: the robot is slowed, but it leaves the obstacle of tick {}",
                     there.since
                 ));
             }
+        } else {
+            there.slowed_periods = 0;
         }
         Ok(there)
     }
