@@ -19,6 +19,17 @@
 //! The step ends at the bound, or where a multiplier becomes zero: then that bound is dropped. The
 //! iteration updates v. The distance of a bound b + nᵀx is b + dᵀv; x = J v is computed when all
 //! bounds are checked. One such step is O(N (1 + active bounds)).
+//!
+//! Programs of successive ticks differ little. If the last solution had an active row that
+//! [recurs](super::qp::Row::recurs), its active bounds are active from the start, and its free slacks
+//! are free. The minimum v₀ without rows, and the distances ρ of these bounds there, give their
+//! multipliers λ at once:
+//!
+//! ```text
+//! Rᵀ z = −ρ      v = v₀ + Q z      R λ = z
+//! ```
+//! Bounds with a negative multiplier are dropped, and slacks whose penalty is exceeded become free,
+//! until none is left. From there on, the method goes on as above.
 
 mod orthogonal;
 
@@ -87,6 +98,11 @@ pub struct ActiveSet {
     /// them.
     active: Vec<Bound>,
     multipliers: Vec<f64>,
+    /// Bounds that were active in the last solution, and slacks that were free.
+    recurring: Vec<Bound>,
+    recurring_slacks: Vec<usize>,
+    /// ρ of the bounds that are active from the start.
+    distances: Vec<f64>,
     /// Bounds that were violated at the last check of all bounds.
     violated: Vec<(Bound, f64)>,
     /// v, and the x that belongs to it.
@@ -117,6 +133,9 @@ impl ActiveSet {
             normals: Orthogonal::new(unknowns),
             active: Vec::with_capacity(unknowns),
             multipliers: Vec::with_capacity(unknowns),
+            recurring: Vec::with_capacity(unknowns),
+            recurring_slacks: Vec::with_capacity(slacks),
+            distances: Vec::with_capacity(unknowns),
             violated: Vec::with_capacity(2 * program.rows.len() + slacks),
             whitened: DVector::zeros(unknowns),
             at: Trajectory::of(program),
@@ -166,6 +185,7 @@ impl ActiveSet {
         if status == Status::Solved
             && let Some((inputs, slacks)) = solution.split_at_mut_checked(INPUT * program.blocks())
         {
+            self.remember(program);
             inputs.copy_from_slice(self.at.inputs.as_flattened());
             slacks.copy_from_slice(&self.slacks);
         }
@@ -184,6 +204,7 @@ impl ActiveSet {
             return Status::Failed;
         }
         self.begin(program);
+        self.resume(program, iterations);
         while let Some((bound, mut distance)) = self.violated(program) {
             let mut multiplier = 0.0;
             loop {
@@ -204,6 +225,87 @@ impl ActiveSet {
         let finite =
             self.at.inputs.as_flattened().iter().chain(&self.slacks).all(|value| value.is_finite());
         if finite { Status::Solved } else { Status::Failed }
+    }
+
+    /// Remembers the active bounds and the free slacks for the next program.
+    fn remember(&mut self, program: &QuadraticProgram) {
+        let recurs =
+            |bound: &Bound| matches!(bound, Bound::Row(row, _) if program.rows[*row].recurs);
+        if self.active.iter().any(recurs) {
+            self.recurring.extend_from_slice(&self.active);
+            let free =
+                self.slack_states.iter().enumerate().filter(|(_, state)| **state != Slack::Held);
+            self.recurring_slacks.extend(free.map(|(slack, _)| slack));
+        }
+    }
+
+    /// Activates what is remembered of the last program, as far as it is dual feasible.
+    fn resume(&mut self, program: &QuadraticProgram, iterations: &mut u32) {
+        self.distances.clear();
+        for place in 0..self.recurring_slacks.len() {
+            self.free_slack_from_start(program, self.recurring_slacks[place]);
+        }
+        for place in 0..self.recurring.len() {
+            let bound = self.recurring[place];
+            self.look_at(program, bound);
+            let (whole, square) = self.normals.take_apart(&self.image, self.reach);
+            if square > DEPENDENT * whole && self.normals.has_room() {
+                *iterations += 1;
+                let there = self.image.rows(0, self.reach).dot(&self.whitened.rows(0, self.reach));
+                self.add_constraint(bound, 0.0);
+                self.distances.push(bound.room(program) + there);
+            }
+        }
+        self.recurring_slacks.clear();
+        self.recurring.clear();
+        loop {
+            self.normals.solve_transposed(&self.distances, &mut self.release);
+            self.image.copy_from(&self.release);
+            self.normals.solve_triangle(&mut self.release);
+            self.multipliers.iter_mut().zip(self.release.iter()).for_each(|(to, of)| *to = *of);
+            let least = self.multipliers.iter().enumerate().min_by(|(_, a), (_, b)| a.total_cmp(b));
+            if let Some((place, multiplier)) = least
+                && *multiplier < 0.0
+            {
+                *iterations += 1;
+                self.drop_constraint(place);
+                self.distances.remove(place);
+            } else if let Some(slack) = self.exceeded_slack(program) {
+                *iterations += 1;
+                self.free_slack_from_start(program, slack);
+            } else {
+                break;
+            }
+        }
+        self.normals.combine(&self.image, &mut self.whitened);
+    }
+
+    /// Frees a slack where no step has been made: its entry of v is at the minimum.
+    fn free_slack_from_start(&mut self, program: &QuadraticProgram, slack: usize) {
+        let entry = self.entries;
+        self.free_slack(program, slack);
+        self.whitened[entry] = -program.penalties.slack * entry_of_slack(program);
+        for (distance, bound) in self.distances.iter_mut().zip(&self.active) {
+            if bound.slack(program) == Some(slack) {
+                *distance += self.whitened[entry] * entry_of_slack(program);
+            }
+        }
+    }
+
+    /// Computes the multipliers of held slacks from those of the active rows, and returns a slack
+    /// whose multiplier is negative, if there is one.
+    fn exceeded_slack(&mut self, program: &QuadraticProgram) -> Option<usize> {
+        for (multiplier, state) in self.slack_multipliers.iter_mut().zip(&self.slack_states) {
+            *multiplier = if *state == Slack::Held { program.penalties.slack } else { 0.0 };
+        }
+        for (bound, multiplier) in self.active.iter().zip(&self.multipliers) {
+            if let Some(slack) =
+                bound.slack(program).filter(|slack| self.slack_states[*slack] == Slack::Held)
+            {
+                self.slack_multipliers[slack] -= multiplier;
+            }
+        }
+        self.slack_multipliers.iter().position(|multiplier| *multiplier < 0.0)
     }
 
     /// The minimum without rows, but with every slack held at zero.

@@ -276,6 +276,7 @@ impl Limits {
                 by_input: [0.0; 3],
                 slack,
                 bounds: [1.0, below],
+                recurs: matches!(kind, Kind::Obstacle(_)),
             }
         };
         self.kinds.iter().map(row).collect()

@@ -70,6 +70,8 @@ pub struct Row {
     pub slack: Option<usize>,
     /// b₊ and b₋; infinite from the start if there is no such bound.
     pub bounds: [f64; 2],
+    /// Whether the solver begins with the last active bounds if this row was among them.
+    pub recurs: bool,
 }
 
 impl Row {

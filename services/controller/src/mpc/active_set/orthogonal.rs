@@ -90,6 +90,11 @@ impl Orthogonal {
     /// R⁻¹ Qᵀd.
     pub(super) fn solve(&self, into: &mut DVector<f64>) {
         into.copy_from(&self.shares);
+        self.solve_triangle(into);
+    }
+
+    /// R⁻¹ z, in place of z.
+    pub(super) fn solve_triangle(&self, into: &mut DVector<f64>) {
         for column in (0..self.columns).rev() {
             into[column] /= self.triangle[(column, column)];
             let value = into[column];
@@ -98,6 +103,23 @@ impl Orthogonal {
                 &self.triangle.column(column).rows(0, column),
                 1.0,
             );
+        }
+    }
+
+    /// z of Rᵀ z = −ρ.
+    pub(super) fn solve_transposed(&self, distances: &[f64], into: &mut DVector<f64>) {
+        into.fill(0.0);
+        for (column, distance) in distances.iter().enumerate().take(self.columns) {
+            let above = self.triangle.column(column).rows(0, column).dot(&into.rows(0, column));
+            into[column] = -(distance + above) / self.triangle[(column, column)];
+        }
+    }
+
+    /// Adds Q z to `to`.
+    pub(super) fn combine(&self, shares: &DVector<f64>, to: &mut DVector<f64>) {
+        for (column, share) in shares.iter().enumerate().take(self.columns) {
+            let column = self.basis.column(column);
+            to.rows_mut(0, self.reach).axpy(*share, &column.rows(0, self.reach), 1.0);
         }
     }
 

@@ -66,7 +66,8 @@ fn row(numbers: &mut Numbers, shape: Shape, before: &[Row]) -> Row {
         }
     };
     let bounds = [bound(), bound()];
-    let mut row = Row { stage, first, by_state, by_input, slack, bounds };
+    let recurs = stage.is_multiple_of(2);
+    let mut row = Row { stage, first, by_state, by_input, slack, bounds, recurs };
     if let Some(twin) =
         (!before.is_empty() && numbers.once_in(5)).then(|| before[numbers.below(before.len())])
     {
@@ -190,6 +191,12 @@ proptest! {
         let (dense, multipliers) = (Dense::of(&program), multipliers(&solver, &program));
         let misses = dense.misses(&DVector::from_column_slice(&ours), &multipliers);
         prop_assert!(misses < 1e-6, "{}", misses);
+        // Once more, from the rows that are active there.
+        let mut again = vec![0.0; program.unknowns()];
+        prop_assert!(solver.solve(&program, &mut again, &Turn::default()).usable());
+        let misses =
+            dense.misses(&DVector::from_column_slice(&again), &self::multipliers(&solver, &program));
+        prop_assert!(keeps(&program, &again) && misses < 1e-6, "{}", misses);
         // Where curvatures span many decades, the answer of the interior-point method violates
         // bounds within its tolerance, and costs less.
         if reference.usable() {
@@ -233,8 +240,10 @@ fn a_program_that_runs_out_of_steps_is_solved_by_the_interior_point_method()
             Shape { horizon: 8, blocks: 6, rows: 60, slacks: 8, decades: 2.0, bound_min: 0.0 },
         );
         let (mut whole, mut cut) = (vec![0.0; program.unknowns()], vec![0.0; program.unknowns()]);
+        let mut first = Solver::new(SolverSetting::ActiveSet, &program)?;
+        assert_eq!(first.solve(&program, &mut whole, &Turn::default()).status, Status::Solved);
+        // Another one, which has no bounds of an earlier solution to begin with.
         let mut solver = Solver::new(SolverSetting::ActiveSet, &program)?;
-        assert_eq!(solver.solve(&program, &mut whole, &Turn::default()).status, Status::Solved);
         if let Some(method) = &mut solver.active_set {
             method.most = 1;
             assert_eq!(
@@ -283,6 +292,7 @@ fn programs_without_an_answer_have_a_status_and_leave_the_solution_unchanged() {
         by_input: [1.0, 0.0, 0.0],
         slack: None,
         bounds: [-1.0, -1.0],
+        recurs: true,
     };
     contradictory.rows.push(row);
     let mut flat = program(&mut numbers, shape);
@@ -302,14 +312,34 @@ fn programs_without_an_answer_have_a_status_and_leave_the_solution_unchanged() {
     }
 }
 
+/// Programs that differ a little from one to the next, and all that `same` changes in them.
+fn succession(seed: u64, same: impl Fn(&mut Row)) -> Vec<QuadraticProgram> {
+    let shape = Shape { horizon: 6, blocks: 4, rows: 60, slacks: 6, decades: 2.0, bound_min: -0.5 };
+    let mut numbers = Numbers(seed);
+    let mut program = program(&mut numbers, shape);
+    program.rows.iter_mut().for_each(same);
+    // Hard rows whose bounds are negative may contradict each other.
+    for row in program.rows.iter_mut().filter(|row| row.slack.is_none()) {
+        row.bounds = row.bounds.map(f64::abs);
+    }
+    let mut changed = || {
+        for row in &mut program.rows {
+            row.by_state.iter_mut().for_each(|slope| *slope += 0.05 * numbers.next());
+            row.bounds[0] += if row.slack.is_some() { 0.05 * numbers.next() } else { 0.0 };
+        }
+        for stage in &mut program.stages {
+            stage.gradient.iter_mut().for_each(|slope| *slope += 0.2 * numbers.next());
+        }
+        program.clone()
+    };
+    (0..20).map(|_| changed()).collect()
+}
+
 #[test]
-fn the_answer_does_not_depend_on_earlier_programs() {
-    let shape = Shape { horizon: 6, blocks: 4, rows: 30, slacks: 6, decades: 2.0, bound_min: 0.0 };
-    let mut numbers = Numbers(4);
-    let mut programs: Vec<QuadraticProgram> =
-        (0..10).map(|_| program(&mut numbers, shape)).collect();
+fn without_rows_that_recur_the_answer_does_not_depend_on_earlier_programs() {
+    let programs = succession(4, |row| row.recurs = false);
     let mut one = ActiveSet::new(&programs[0]);
-    for program in &mut programs {
+    for program in &programs {
         let (mut used, mut fresh) = ([0.0; 18], [0.0; 18]);
         let outcomes = (
             one.solve(program, &mut used, &Turn::default()),
@@ -317,4 +347,26 @@ fn the_answer_does_not_depend_on_earlier_programs() {
         );
         assert_eq!((outcomes.0, used), (outcomes.1, fresh));
     }
+}
+
+#[test]
+fn rows_that_recur_save_steps_and_change_the_answer_by_rounding_alone() {
+    let (mut with_memory, mut without) = (0, 0);
+    for seed in 0..200 {
+        let programs = succession(seed, |row| row.recurs = row.slack.is_some());
+        let mut one = ActiveSet::new(&programs[0]);
+        for program in &programs {
+            let (mut used, mut fresh) = ([0.0; 18], [0.0; 18]);
+            let ours = one.solve(program, &mut used, &Turn::default());
+            let theirs = ActiveSet::new(program).solve(program, &mut fresh, &Turn::default());
+            assert_eq!(ours.status, theirs.status, "{seed}");
+            (with_memory, without) = (with_memory + ours.iterations, without + theirs.iterations);
+            if theirs.usable() {
+                let (ours, theirs) = (cost(program, &used), cost(program, &fresh));
+                assert!(keeps(program, &used), "{seed}");
+                assert!((ours - theirs).abs() < 1e-7 * (1.0 + theirs.abs()), "{ours} {theirs}");
+            }
+        }
+    }
+    assert!(with_memory < without, "{with_memory} steps, {without} without memory");
 }
