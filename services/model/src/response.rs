@@ -17,8 +17,11 @@
 //! K = P φ / (μ + φᵀ P φ)   w ← w + K e   P ← (P − K φᵀ P)/μ     φ = (v, u_δ, 1),  e = v⁺ − wᵀ φ
 //! ```
 //! with a forgetting factor μ. During standstill, forgetting would let P grow without end, so it
-//! stops at the initial P. The δ with the smallest errors is selected. A soft speed loop shows in A
-//! and B, a dead time in δ. Each has its own parameter, so the estimator does not confuse them.
+//! stops at the initial P. When the errors have grown for a while, the robot or its world has
+//! changed. Then P grows at once, so that the samples before the change count little.
+//!
+//! The δ with the smallest errors is selected. A soft speed loop shows in A and B, a dead time in
+//! δ. Each has its own parameter, so the estimator does not confuse them.
 //!
 //! Reference: Åström, Wittenmark, *Adaptive Control*, 2nd ed., section 2.2.
 
@@ -48,6 +51,16 @@ const PERIODS_LEAST: u32 = 10;
 
 /// Variance of A, B and c at the start, as a multiple of the variance of a sample.
 const PRIOR: [f64; 3] = [100.0, 100.0, 0.01];
+
+/// Time over which the errors of an axis are averaged to detect a change \[s\].
+const RECENT_S: f64 = 1.0;
+
+/// A change is detected when the recent mean square of the errors exceeds the lasting one by this
+/// many of its standard deviations.
+const ALARM: f64 = 10.0;
+
+/// Added to P after a change, as a share of its initial value.
+const REOPENED: f64 = 0.01;
 
 /// Largest trace of P.
 const TRACE_MAX: f64 = 300.0;
@@ -123,6 +136,13 @@ impl Fit {
         errors
     }
 
+    /// Trusts the samples so far less.
+    fn reopen(&mut self) {
+        for (index, prior) in PRIOR.iter().enumerate() {
+            self.covariance[index][index] += REOPENED * prior;
+        }
+    }
+
     fn first_order(&self, frame: usize) -> FirstOrder {
         let [decay, gain, offset] = self.weights[frame];
         FirstOrder { decay, gain, offset }
@@ -131,6 +151,38 @@ impl Fit {
 
 fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Detects that the robot or its world has changed: the errors of an axis have grown for a while.
+///
+/// The mean of n squared errors of a normal distribution varies by √(2/n) of its value.
+#[derive(Debug, Clone, Copy, Default)]
+struct Change {
+    /// Mean square of the errors over [`RECENT_S`] and over [`MEMORY_S`] \[(m/s)²\].
+    recent: f64,
+    lasting: f64,
+    /// Number of periods so far.
+    periods: u32,
+}
+
+impl Change {
+    /// Whether the error of a period, of length `period_s`, reveals a change.
+    fn detects(&mut self, error: f64, period_s: f64) -> bool {
+        self.periods = self.periods.saturating_add(1);
+        let periods = f64::from(self.periods);
+        let share = |memory_s: f64| (period_s / memory_s).max(1.0 / periods).min(1.0);
+        let squared = error * error;
+        self.recent += share(RECENT_S) * (squared - self.recent);
+        let count = (2.0 * RECENT_S / period_s).max(1.0);
+        let usual = self.lasting * (1.0 + ALARM * (2.0 / count).sqrt());
+        let detected = periods * period_s > 2.0 * RECENT_S && self.recent > usual;
+        self.lasting += share(MEMORY_S) * (squared - self.lasting);
+        if detected {
+            // The next change is one from here.
+            self.lasting = self.recent;
+        }
+        detected
+    }
 }
 
 /// One hypothesis of the dead time.
@@ -195,6 +247,7 @@ pub struct ResponseEstimator {
     /// Index of the selected hypothesis.
     believed: usize,
     forgetting: f64,
+    changes: [Change; AXES],
     /// Converts a yaw rate to a speed \[–, –, m\].
     scale: Velocity,
     /// Velocity at the end of the last period.
@@ -216,6 +269,7 @@ impl ResponseEstimator {
             hypotheses: DEAD_TIMES.map(hypothesis),
             believed: 0,
             forgetting: (-main.period / MEMORY_S).exp(),
+            changes: [Change::default(); AXES],
             scale: [1.0, 1.0, lever_m],
             before: None,
             taken: 0,
@@ -281,14 +335,19 @@ impl ResponseEstimator {
         let Some(before) = self.before.replace(*after) else { return };
         self.taken = self.taken.saturating_add(1);
         let turning = turning(&self.main, &before).mean;
-        for hypothesis in &mut self.hypotheses {
+        let mut believed_errors = [0.0; AXES];
+        for (index, hypothesis) in self.hypotheses.iter_mut().enumerate() {
             let acted = sent.acted(hypothesis.delay);
+            let frame = hypothesis.frame();
             let mut squared = [0.0; FRAMES];
             for axis in 0..AXES {
                 let features = [before[axis], acted[axis], 1.0];
                 let fit = &mut hypothesis.fits[axis];
                 let targets = [after[axis], after[axis] - turning[axis]];
                 let errors = fit.update(&features, &targets, self.forgetting);
+                if index == self.believed {
+                    believed_errors[axis] = errors[frame];
+                }
                 for (squared, error) in squared.iter_mut().zip(errors) {
                     *squared += (self.scale[axis] * error).powi(2);
                 }
@@ -297,7 +356,18 @@ impl ResponseEstimator {
                 *cost = self.forgetting * *cost + squared;
             }
         }
+        self.forget_contradicted(&believed_errors);
         self.believe();
+    }
+
+    /// Reopens the fits of the axes on which the robot or its world has changed. `errors` are those
+    /// of the selected dead time \[m/s, m/s, rad/s\].
+    fn forget_contradicted(&mut self, errors: &Velocity) {
+        for axis in 0..AXES {
+            if self.changes[axis].detects(errors[axis], self.main.period) {
+                self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.fits[axis].reopen());
+            }
+        }
     }
 
     fn believe(&mut self) {

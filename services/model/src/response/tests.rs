@@ -16,6 +16,17 @@ fn found_turning(
     count: usize,
     kept: f64,
 ) -> ResponseEstimator {
+    found_changing(periods, |_| truth, noise, count, kept)
+}
+
+/// The same for a robot whose response may change: `truth` of each period.
+fn found_changing(
+    periods: f64,
+    truth: impl Fn(usize) -> [FirstOrder; AXES],
+    noise: f64,
+    count: usize,
+    kept: f64,
+) -> ResponseEstimator {
     let main = MainModel::new(&Robot::example(), 0.02);
     let delay = Delay::of_periods(periods);
     let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.5));
@@ -27,7 +38,7 @@ fn found_turning(
         let acted = sent.acted(delay);
         let turning = turning(&main, &velocity).mean;
         velocity = std::array::from_fn(|axis| {
-            let FirstOrder { decay, gain, offset } = truth[axis];
+            let FirstOrder { decay, gain, offset } = truth(k)[axis];
             let turned = kept * turning[axis];
             decay * velocity[axis] + gain * acted[axis] + offset + turned
         });
@@ -179,4 +190,25 @@ fn the_jacobians_are_the_slopes_of_the_mean() {
             assert!((said.by_input[row][column] - by_input).abs() < 1e-9);
         }
     }
+}
+
+/// Largest relative difference of gain and time constant from those of `truth`.
+fn differs(estimator: &ResponseEstimator, truth: [FirstOrder; AXES]) -> f64 {
+    let axes = estimator.response().axes.into_iter().zip(truth);
+    axes.map(|(found, of)| {
+        ((found.gain - of.gain) / of.gain)
+            .abs()
+            .max(((found.decay - of.decay) / (1.0 - of.decay)).abs())
+    })
+    .fold(0.0, f64::max)
+}
+
+#[test]
+fn a_change_of_the_robot_is_found_within_three_seconds() {
+    let (before, after) = (soft(0.6), soft(0.8));
+    let count = 1_000 + 150;
+    let estimator =
+        found_changing(1.0, |k| if k < 1_000 { before } else { after }, 2e-3, count, 0.0);
+    let differs = differs(&estimator, after);
+    assert!(differs < 0.1, "{differs}");
 }
