@@ -2,7 +2,8 @@
 every seed, and the tables of docs/results.md between their marks.
 
 Needs python3 and: cargo build --release --workspace --bins
-Usage: python3 docs/results.py [tables]      with `tables` nothing is run: docs/results.csv is read
+Usage: python3 docs/results.py [NUMBER ...]   the sets with these numbers; all without any
+       python3 docs/results.py tables         nothing is run: docs/results.csv is read
 """
 import csv
 import json
@@ -168,14 +169,22 @@ def table(rows):
     return "\n".join(lines)
 
 
+def replace(measured):
+    """Replaces the rows of these cells in the CSV, so that an interrupted measurement keeps them."""
+    with CSV.open(newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    new = {tuple(row[:6]): row for row in measured}
+    rows = [new.pop(tuple(row[:6]), row) for row in rows] + list(new.values())
+    with CSV.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([FIELDS] + rows)
+
+
 def main():
     if sys.argv[1:] != ["tables"]:
-        rows = []
-        for number, one in enumerate(SETS, 1):
+        for number in map(int, sys.argv[1:] or range(1, len(SETS) + 1)):
+            one = SETS[number - 1]
             print(f"{number} of {len(SETS)}: {one[0]}, {one[6]} seeds", flush=True)
-            rows += measured(*one)
-        with CSV.open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([FIELDS] + rows)
+            replace(measured(*one))
     with CSV.open(newline="") as file:
         rows = list(csv.reader(file))[1:]
     page = PAGE.read_text()
