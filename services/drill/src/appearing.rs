@@ -45,6 +45,8 @@ const LEAVES_MPS: f64 = -0.1;
 const LEAVES_RADPS: f64 = 0.3;
 /// Periods between an obstacle and the last one that its ramp begins in.
 const RAMP_PERIODS: u64 = 3;
+/// Response times after which the rest of an earlier motion is small.
+const LAGS: f64 = 4.0;
 /// Periods in which a robot that was slowed gets its full speed back.
 const RELEASE_PERIODS: u64 = 3;
 
@@ -239,9 +241,9 @@ impl Period<'_> {
         if apart > 0.0 {
             there.touch = None;
         } else {
-            let longest = (0..3).map(|axis| twists[0][axis].abs() / limits.brake[axis]);
-            let longest = longest.fold(robot.response_time_s(), f64::max) / limits.period_s;
-            let rests = tick + 2 * longest.ceil() as u64 + RAMP_PERIODS;
+            let ramp_s = (0..3).map(|axis| twists[0][axis].abs() / limits.brake[axis]);
+            let rests_s = ramp_s.fold(0.0, f64::max) + LAGS * robot.response_time_s();
+            let rests = tick + (rests_s / limits.period_s).ceil() as u64 + RAMP_PERIODS;
             let (rests, least) = *there.touch.get_or_insert((rests, apart));
             found.touched += u64::from(!there.has_touched);
             there.has_touched = true;
