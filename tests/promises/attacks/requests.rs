@@ -194,7 +194,7 @@ fn a_list_of_obstacles_acts_only_if_it_comes_from_a_planner_and_is_correct() -> 
         assert!(matches!(outcome, Err(RequestError::Rejected(_))), "{outcome:?}");
     }
     let reply: serde_json::Value =
-        serde_json::from_slice(&operator.ask(Participant::Plant, &list(60.0))?)?;
+        serde_json::from_slice(&operator.ask(Participant::Plant, &list(40.0))?)?;
     assert_eq!(reply["outcome"], "refused", "an operator sends orders alone: {reply}");
     // As fast as the session allows.
     for number in 0..200 {
@@ -207,7 +207,7 @@ fn a_list_of_obstacles_acts_only_if_it_comes_from_a_planner_and_is_correct() -> 
     let x = |list: &Message| list.says["obstacles"][0][3].as_f64();
     let places: Vec<f64> = record.of("obstacles").filter_map(x).collect();
     assert_eq!(places.last(), Some(&249.0), "the newest one wins: {places:?}");
-    assert!(!places.contains(&60.0) && places.is_sorted(), "{places:?}");
+    assert!(!places.contains(&40.0) && places.is_sorted(), "{places:?}");
     Ok(())
 }
 
