@@ -26,8 +26,8 @@ pub struct AtArrival {
     pub acting: [f64; 3],
     /// Input that acted when the period began.
     pub begun_with: [f64; 3],
-    /// Whether the surroundings slow the robot: then the gate itself limits how its output changes.
-    pub slows: bool,
+    /// The command that the surroundings slow at this moment, if they do.
+    pub slowed: Option<[f64; 3]>,
 }
 
 /// Judges one command. Pure; does not allocate.
@@ -60,16 +60,19 @@ pub fn judge(command: &Command, at: &AtArrival, bounds: &Bounds) -> Result<(), R
     let Some(age) = at.age_nanos.filter(|&age| age <= oldest) else {
         return Err(Reason::TooOld);
     };
-    // At this age, an entry of the tail may be the first input to act. A tail may have advanced
-    // since the period began: both changes together are those of one period.
+    // At this age, an entry of the tail may be the first input to act.
     let first = inputs().nth((age / bounds.period_nanos) as usize);
-    let leaps =
-        |from: &[f64; 3]| !at.slows && first.is_some_and(|first| !bounds.allow_change(from, first));
+    let leaps = first.is_some_and(|first| {
+        if let Some(asked) = &at.slowed {
+            // A writer continues its own plan, or begins with the slowed output.
+            return !bounds.allow_change_between([asked, &at.acting, &at.begun_with], first);
+        }
+        // A tail may have advanced since the period began: both changes together are those of one
+        // period.
+        [&at.acting, &at.begun_with].iter().any(|from| !bounds.allow_change(from, first))
+    });
     let steps = inputs().zip(command.tail());
-    if leaps(&at.acting)
-        || leaps(&at.begun_with)
-        || !steps.into_iter().all(|(before, after)| bounds.allow_change(before, after))
-    {
+    if leaps || !steps.into_iter().all(|(before, after)| bounds.allow_change(before, after)) {
         return Err(Reason::TooFast);
     }
     Ok(())

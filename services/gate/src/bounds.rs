@@ -60,14 +60,27 @@ impl Bounds {
             .all(|((from, to), change)| (to - from).abs() <= 2.0 * change * (1.0 + SLACK))
     }
 
-    /// The largest share of `twist` with which each axis gets faster than `from` by no more than
-    /// one change, or reverses.
+    /// The same where the robot is slowed: each axis of `to` may be that far outside of its range in
+    /// `from`.
+    pub(crate) fn allow_change_between(&self, from: [&Velocity; 3], to: &Velocity) -> bool {
+        (0..3).all(|axis| {
+            let values = || from.iter().map(|from| from[axis]);
+            let least = values().fold(f64::INFINITY, f64::min);
+            let most = values().fold(f64::NEG_INFINITY, f64::max);
+            let change = 2.0 * self.change[axis] * (1.0 + SLACK);
+            (least - change..=most + change).contains(&to[axis])
+        })
+    }
+
+    /// The largest share of `twist` with which no axis gets faster than `from`, or turns back, by
+    /// more than one change.
     pub(crate) fn share_in_reach(&self, from: &Velocity, twist: &Velocity) -> f64 {
         let shares = (0..3).map(|axis| {
-            let kept = if from[axis] * twist[axis] > 0.0 { from[axis].abs() } else { 0.0 };
-            (kept + self.change[axis]) / twist[axis].abs()
+            let along = if from[axis] * twist[axis] < 0.0 { -1.0 } else { 1.0 };
+            (self.change[axis] + along * from[axis].abs()).max(0.0) / twist[axis].abs()
         });
-        shares.fold(1.0, f64::min)
+        // An axis of which nothing is asked limits nothing, even if it is 0 / 0.
+        shares.filter(|share| !share.is_nan()).fold(1.0, f64::min)
     }
 
     /// `twist`, each axis no farther than one change from `from`.

@@ -70,8 +70,8 @@ pub struct Gate {
     protection: Option<Box<Protection>>,
     /// Why the last command of the present period was slowed.
     slowed: Reason,
-    /// Why the last output is not the command; [`Reason::None`] if it is.
-    slows: Reason,
+    /// The command that the last output is slower than, and why.
+    slows: Option<(Velocity, Reason)>,
 }
 
 impl Gate {
@@ -94,7 +94,7 @@ impl Gate {
             refusal: Reason::None,
             protection: None,
             slowed: Reason::None,
-            slows: Reason::None,
+            slows: None,
         }
     }
 
@@ -166,7 +166,7 @@ impl Gate {
                 .map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
             acting: self.input,
             begun_with: self.begun_with,
-            slows: self.slows != Reason::None,
+            slowed: self.slows.map(|(asked, _)| asked),
         };
         if let Err(reason) = judge(command, &at_arrival, &self.bounds) {
             self.refuse(reason);
@@ -206,17 +206,22 @@ impl Gate {
         if let Some(protection) = &mut self.protection {
             protection.predict(&self.input, now);
         }
-        let Slowed { input, reason: slowed } = match (choice, stored) {
-            (Choice::Command, Some(command)) => self.slow(&command.input, now, elapsed),
+        let asked = match (choice, stored) {
+            (Choice::Command, Some(command)) => Some(command.input),
             (Choice::Tail(index), Some(command)) => {
-                let input = command.tail().get(index).copied().unwrap_or([0.0; 3]);
-                self.slow(&input, now, elapsed)
+                Some(command.tail().get(index).copied().unwrap_or([0.0; 3]))
             }
-            (Choice::Brake, _) => Slowed::not(self.bounds.braked(&self.input, elapsed)),
-            _ => Slowed::not([0.0; 3]),
+            _ => None,
+        };
+        let Slowed { input, reason: slowed } = match asked {
+            Some(asked) => self.slow(&asked, now, elapsed),
+            None if choice == Choice::Brake => {
+                Slowed::not(self.bounds.braked(&self.input, elapsed))
+            }
+            None => Slowed::not([0.0; 3]),
         };
         self.input = input;
-        self.slows = slowed;
+        self.slows = asked.filter(|_| slowed != Reason::None).map(|asked| (asked, slowed));
         let reason = if slowed == Reason::None { reason } else { slowed };
         if slowed != Reason::None {
             self.slowed = slowed;
@@ -324,7 +329,7 @@ impl Gate {
         let before = Before {
             input: self.input,
             begun_with: self.begun_with,
-            slowed: self.slows,
+            slowed: self.slows.map_or(Reason::None, |(_, reason)| reason),
             elapsed_nanos: elapsed,
         };
         protection.slow(&self.bounds, input, &before, now)

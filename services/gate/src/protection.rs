@@ -172,8 +172,8 @@ impl Protection {
     ///
     /// It is the twist times the share that the surroundings allow. On the way to that share it
     /// falls no faster than the ramp of the brake. If an input on the way is not allowed itself,
-    /// the ramp brakes all axes. When the surroundings release a slowed robot, the share grows as
-    /// far as the change limit of one period allows.
+    /// the ramp brakes all axes. From the first slowed output on, until the output is the twist
+    /// again, no axis changes by more than the change limit of one period, or the ramp.
     pub(crate) fn slow(
         &self,
         bounds: &Bounds,
@@ -182,20 +182,21 @@ impl Protection {
         now: u64,
     ) -> Slowed {
         let (mut share, mut reason) = self.share(twist, now);
+        let asked = bounds.in_reach(&before.begun_with, twist);
         if before.slowed != Reason::None {
             let reached = bounds.share_in_reach(&before.begun_with, twist);
-            if reached < share {
-                share = reached;
-                reason = if reason == Reason::None { before.slowed } else { reason };
+            if reason == Reason::None && (reached < share || asked != *twist) {
+                reason = before.slowed;
             }
+            share = share.min(reached);
         }
         if reason == Reason::None {
             return Slowed::not(*twist);
         }
         let goal = twist.map(|value| share * value);
-        let asked = bounds.in_reach(&before.begun_with, twist);
         let input = bounds.slowed(&before.input, &asked, &goal, before.elapsed_nanos);
-        let allowed = input == goal || self.share(&input, now).1 == Reason::None;
+        let allowed =
+            input == goal || (bounds.contain(&input) && self.share(&input, now).1 == Reason::None);
         let input =
             if allowed { input } else { bounds.braked(&before.input, before.elapsed_nanos) };
         Slowed { input, reason }

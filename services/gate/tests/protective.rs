@@ -144,6 +144,41 @@ proptest! {
     }
 }
 
+/// Change of one period, and ramp of one period, of [`slow_robot`].
+const CHANGE: Velocity = [0.2, 0.2, 0.4];
+const RAMP: Velocity = [0.5, 0.5, 1.0];
+
+/// One period of a controller among obstacles.
+#[derive(Debug, Clone)]
+struct Period {
+    /// What it wants to reach.
+    target: Velocity,
+    /// Whether it asks for that at once, and not by its rate.
+    wild: bool,
+    obstacle: Option<Shape>,
+}
+
+/// Some targets and obstacles, each for some periods.
+fn periods() -> impl Strategy<Value = Vec<Period>> {
+    let some = (twists(), prop::option::weighted(0.5, shapes()), 2..8_usize);
+    let wild = prop::bool::weighted(0.1);
+    prop::collection::vec((some, prop::collection::vec(wild, 8)), 1..8).prop_map(|stretches| {
+        let period = |((target, obstacle, count), wild): &((Velocity, Option<Shape>, usize), _)| {
+            let wild: &Vec<bool> = wild;
+            let period = |wild: &bool| Period { target: *target, wild: *wild, obstacle: *obstacle };
+            wild.iter().take(*count).map(period).collect::<Vec<Period>>()
+        };
+        stretches.iter().flat_map(period).collect()
+    })
+}
+
+/// `from` after one period towards `to`.
+fn towards(from: &Velocity, to: &Velocity) -> Velocity {
+    std::array::from_fn(|axis| {
+        from[axis] + (to[axis] - from[axis]).clamp(-CHANGE[axis], CHANGE[axis])
+    })
+}
+
 proptest! {
     #[test]
     fn a_robot_whose_whole_way_to_standstill_leads_away_is_never_slowed(
@@ -195,30 +230,69 @@ proptest! {
 
     #[test]
     fn among_obstacles_that_come_and_go_no_command_makes_the_output_leap(
-        periods in prop::collection::vec((prop::option::weighted(0.8, twists()), shapes(), any::<bool>()), 1..20),
+        periods in periods(),
     ) {
         let robot = slow_robot();
-        let mut gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&standing(&[]), &robot);
-        let mut last = [0.0; 3];
-        for (tick, (twist, shape, is_there)) in (0..).zip(periods) {
+        let bounds = Bounds::new(&robot, PERIOD, 0);
+        let mut gate = Gate::new(bounds, 7).among(&standing(&[]), &robot);
+        let (mut asked, mut last) = ([0.0; 3], [0.0; 3]);
+        for (tick, Period { target, wild, obstacle }) in (0..).zip(periods) {
             let now = tick * PERIOD;
             gate.begin_period(tick, now);
             gate.see_pose(&[0.0; 3], &[0.0; 3]);
-            let list = [Obstacle::standing(shape)];
-            let list = if is_there { &list[..] } else { &[] };
-            prop_assert!(gate.see_obstacles(ObstacleSource::Robot, list, now, u64::MAX).is_ok());
-            // The gate rejects what is too fast.
-            let _ = twist.map(|twist| gate.offer(&command(tick, twist), now));
+            let list: Vec<Obstacle> = obstacle.into_iter().map(Obstacle::standing).collect();
+            prop_assert!(gate.see_obstacles(ObstacleSource::Robot, &list, now, u64::MAX).is_ok());
+            let next = if wild { target } else { towards(&asked, &target) };
+            // The gate may reject what is too fast.
+            if gate.offer(&command(tick, next), now).is_ok() {
+                asked = next;
+            }
             let begun_with = last;
             for slice in 0..PERIOD / SLICE {
                 last = gate.decide(now + slice * SLICE).input;
+                prop_assert!(bounds.contain(&last), "{last:?}");
                 for axis in 0..3 {
-                    let most = [2.0, 2.0, 4.0][axis] * 0.1 * 2.2 + [5.0, 5.0, 10.0][axis] * 0.1;
+                    // A command that slows down by itself, and the ramp from there on.
+                    let most = (2.2 * CHANGE[axis]).max(1.1 * CHANGE[axis] + RAMP[axis]);
                     let leap = (last[axis] - begun_with[axis]).abs();
                     prop_assert!(leap <= most + 1e-5, "{begun_with:?} to {last:?}");
                 }
             }
             gate.end_period(now + PERIOD);
+        }
+    }
+
+    #[test]
+    fn with_the_rates_of_a_robot_the_footprint_never_touches_a_standing_obstacle(
+        shapes in prop::collection::vec(shapes(), 1..5),
+        periods in periods(),
+        lag_s in prop_oneof![Just(0.0), Just(RESPONSE_S), 0.0..RESPONSE_S],
+    ) {
+        let apart = |pose: &[f64; 3]| {
+            let placed = footprint().placed(pose);
+            shapes.iter().map(|shape| placed.separation(shape).distance_m)
+                .fold(f64::INFINITY, f64::min)
+        };
+        prop_assume!(apart(&[0.0; 3]) > 0.0);
+        let robot = slow_robot();
+        let mut world = World::new(&standing(&shapes), [0.0; 3], lag_s);
+        world.gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&standing(&shapes), &robot);
+        let mut asked = [0.0; 3];
+        for Period { target, wild, .. } in periods {
+            let next = if wild { target } else { towards(&asked, &target) };
+            let now = world.tick * PERIOD;
+            world.gate.begin_period(world.tick, now);
+            world.gate.see_pose(&world.pose, &world.velocity);
+            if world.gate.offer(&command(world.tick, next), now).is_ok() {
+                asked = next;
+            }
+            for slice in 0..PERIOD / SLICE {
+                let decision = world.gate.decide(now + slice * SLICE);
+                world.follow(&decision.input);
+                prop_assert!(apart(&world.pose) > -1e-6, "{:?}", world.pose);
+            }
+            world.tick += 1;
+            world.gate.end_period(now + PERIOD);
         }
     }
 
@@ -310,6 +384,9 @@ fn slow_robot() -> Robot {
     let mut robot = robot();
     (robot.limits.input_rate_mps2, robot.limits.yaw_input_rate_radps2) = (2.0, 4.0);
     (robot.limits.brake_mps2, robot.limits.yaw_brake_radps2) = (5.0, 10.0);
+    if let Some(response) = &mut robot.response {
+        response.wheel_speed_limit_radps = Some(70.0);
+    }
     robot
 }
 
@@ -361,6 +438,33 @@ fn a_stored_tail_that_is_released_gets_faster_by_one_change_per_period() {
     assert_eq!((reason, still), (Reason::ProtectiveStop, Reason::ProtectiveStop));
     assert!((released - slowed - 0.22).abs() < 1e-9, "{outputs:?}");
     assert!((next - released - 0.22).abs() < 1e-9 || (next - 1.4).abs() < 1e-9, "{outputs:?}");
+}
+
+#[test]
+fn a_released_robot_whose_command_has_gone_ahead_slows_down_by_the_ramp_and_one_change() {
+    let mut robot = slow_robot();
+    (robot.limits.brake_mps2, robot.limits.yaw_brake_radps2) = (2.0, 4.0);
+    let mut gate = Gate::new(Bounds::new(&robot, PERIOD, 0), 7).among(&standing(&[]), &robot);
+    let mut last = 0.0;
+    for tick in 0..13 {
+        let now = tick * PERIOD;
+        gate.begin_period(tick, now);
+        gate.see_pose(&[0.0; 3], &[0.0; 3]);
+        let wall = [Obstacle::standing(disc(0.8, 0.0, 0.5))];
+        let list = if (8..11).contains(&tick) { &wall[..] } else { &[] };
+        assert_eq!(gate.see_obstacles(ObstacleSource::Robot, list, now, 9 * PERIOD), Ok(()));
+        let asked =
+            if tick < 8 { 0.2 * tick as f64 } else { (1.4 - 0.44 * (tick - 7) as f64).max(0.08) };
+        assert_eq!(gate.offer(&command(tick, [asked, 0.0, 0.0]), now), Ok(()), "tick {tick}");
+        let before = last;
+        last = (0..50).map(|slice| gate.decide(now + slice * SLICE).input[0]).last().unwrap_or(0.0);
+        if tick >= 11 {
+            assert!(before - last < 0.22 + 0.2 + 1e-9, "tick {tick}: {before} to {last}");
+        }
+        let reason = gate.end_period(now + PERIOD).1;
+        assert_eq!(reason == Reason::ProtectiveStop, (8..13).contains(&tick), "tick {tick}");
+    }
+    assert!((last - 0.08).abs() < 1e-9, "{last}");
 }
 
 #[test]

@@ -81,8 +81,8 @@ class Limits:
         """Duty 6: the largest share of `after` whose axes get faster than `before` by 1.1 changes,
         and `after` with each axis at most 1.1 changes from `before`.
         """
-        axes = [(a, b, 1.1 * rate * self.period) for a, b, rate in zip(before, after, self.rate)]
-        shares = [((abs(a) if a * b > 0.0 else 0.0) + c) / abs(b) for a, b, c in axes if b]
+        axes = [(a, b, rate * self.period * 1.1) for a, b, rate in zip(before, after, self.rate)]
+        shares = [max(c + math.copysign(abs(a), a * b or 1.0), 0.0) / abs(b) for a, b, c in axes if b]
         return min([1.0, *shares]), tuple(min(max(b, a - c), a + c) for a, b, c in axes)
 
 
@@ -103,7 +103,8 @@ class Gate:
         self.limits, self.epoch, self.delay = limits, epoch, delay
         self.protection = protection  # None: the gate knows no obstacles
         self.slowed = NONE  # why the last command of the current period was slowed
-        self.slows = NONE  # why the last output is not the command
+        self.slows = NONE  # why the last output is slower than the command
+        self.asked = ZERO  # that command
         self.tick = 0
         self.published: dict[int, float] = {}
         self.stored: Command | None = None
@@ -220,9 +221,15 @@ class Gate:
             return TOO_OLD
         age = int((now - published) / period + 1e-9)
         first = inputs[age : age + 1]  # the first input that acts, if any
-        # While the surroundings slow the robot, duty 6 limits the change.
-        earlier = () if self.slows else (self.acting_at_begin, self.acting)
-        steps = [*zip(inputs, command.tail), *((a, b) for a in earlier for b in first)]
+        earlier = (self.acting_at_begin, self.acting)
+        steps = [*zip(inputs, command.tail)]
+        if self.slows:  # each axis begins within the range of the command and the slowed output
+            ranges = [sorted(axis) for axis in zip(self.asked, *earlier)]
+            steps += [
+                (tuple(min(max(v, r[0]), r[-1]) for v, r in zip(b, ranges)), b) for b in first
+            ]
+        else:
+            steps += [(a, b) for a in earlier for b in first]
         if not all(self.limits.allow_step(*step) for step in steps):
             return RATE_TOO_HIGH
         return NONE
@@ -239,7 +246,8 @@ class Gate:
         slowed_before, self.slows = self.slows, NONE
         if chosen is None:
             chosen = self._braked(elapsed)
-        elif self.protection and any(chosen):
+        elif self.protection and self.stored and self.state != DISARMED:
+            self.asked = chosen
             chosen = self._slow(self.protection, chosen, slowed_before, now, elapsed)
         self.acting = chosen
         return chosen
@@ -254,12 +262,14 @@ class Gate:
         """Protective stop: the command as far as the surroundings allow it.
 
         On the way to its share it falls no faster than the ramp of the brake. After `before`, the
-        reason of a slower output, it rises by a change per period.
+        reason of a slower output, no axis changes by more than a change per period, or the ramp.
         """
         share, reason = protection.share(asked, now)
         reached, near = self.limits.reach(self.acting_at_begin, asked)
-        if before != NONE and reached < share:
-            share, reason = reached, reason or before
+        if before != NONE:
+            if reason == NONE and (reached < share or near != tuple(asked)):
+                reason = before
+            share = min(share, reached)
         if reason == NONE:
             return asked
         self.slowed = self.slows = reason
@@ -269,7 +279,9 @@ class Gate:
             max(g, min(b, a)) if v > 0.0 else min(g, max(b, a)) if v < 0.0 else g
             for v, b, a, g in axes
         )
-        allowed = slowed == goal or protection.share(slowed, now)[1] == NONE
+        allowed = slowed == goal or (
+            self.limits.allow(slowed) and protection.share(slowed, now)[1] == NONE
+        )
         return slowed if allowed else braked
 
     def _choose(self, now: float) -> tuple[Vector | None, int, int]:

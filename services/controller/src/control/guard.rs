@@ -166,7 +166,7 @@ impl Guard {
             writer: None,
             acting,
             begun_with: acting,
-            slows: false,
+            slowed: None,
         };
         judge(command, &at_arrival, &self.bounds)
     }
