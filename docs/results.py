@@ -170,7 +170,7 @@ def table(rows):
 
 
 def replace(measured):
-    """Replaces the rows of these cells in the CSV, so that an interrupted measurement keeps them."""
+    """Replaces the rows of these cells in the CSV. A measurement that is interrupted keeps them."""
     with CSV.open(newline="") as file:
         rows = list(csv.reader(file))[1:]
     new = {tuple(row[:6]): row for row in measured}

@@ -60,8 +60,8 @@ impl Bounds {
             .all(|((from, to), change)| (to - from).abs() <= 2.0 * change * (1.0 + SLACK))
     }
 
-    /// The same where the robot is slowed: each axis of `to` may be that far outside of its range in
-    /// `from`.
+    /// The same where the robot is slowed: each axis of `to` may be that far outside of its range
+    /// in `from`.
     pub(crate) fn allow_change_between(&self, from: [&Velocity; 3], to: &Velocity) -> bool {
         (0..3).all(|axis| {
             let values = || from.iter().map(|from| from[axis]);

@@ -10,15 +10,15 @@ use settings::{Check, Impossible};
 /// Largest allowed priority: hardware interrupts have priorities from 50 on.
 const PRIORITY_MAX: u8 = 49;
 
-/// Settings of the scheduling. By default the system decides, except for the priority and the memory
-/// of processes on the control path.
+/// Settings of the scheduling. By default the system decides, except for the priority and the
+/// memory of processes on the control path.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scheduling {
     /// Processors that it may run on, by the numbers of the system; all if the list is empty.
     pub processors: Vec<usize>,
-    /// Whether all its memory, present and later, is loaded and locked. If absent: that of plant and
-    /// controller in real time, where that is permitted.
+    /// Whether all its memory, present and later, is loaded and locked. If absent: that of plant
+    /// and controller in real time, where that is permitted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lock_memory: Option<bool>,
     /// Real-time priority (`SCHED_FIFO`) of plant and controller in real time; 0 for none. If

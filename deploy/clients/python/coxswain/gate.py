@@ -82,7 +82,8 @@ class Limits:
         and `after` with each axis at most 1.1 changes from `before`.
         """
         axes = [(a, b, rate * self.period * 1.1) for a, b, rate in zip(before, after, self.rate)]
-        shares = [max(c + math.copysign(abs(a), a * b or 1.0), 0.0) / abs(b) for a, b, c in axes if b]
+        along = [(math.copysign(abs(a), a * b or 1.0), abs(b), c) for a, b, c in axes if b]
+        shares = [max(c + a, 0.0) / b for a, b, c in along]
         return min([1.0, *shares]), tuple(min(max(b, a - c), a + c) for a, b, c in axes)
 
 

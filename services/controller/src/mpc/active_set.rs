@@ -21,8 +21,8 @@
 //! bounds are checked. One such step is O(N (1 + active bounds)).
 //!
 //! Programs of successive ticks differ little. If the last solution had an active row that
-//! [recurs](super::qp::Row::recurs), its active bounds are active from the start, and its free slacks
-//! are free. The minimum v₀ without rows, and the distances ρ of these bounds there, give their
+//! [recurs](super::qp::Row::recurs), its active bounds are active from the start, and its free
+//! slacks are free. The minimum v₀ without rows, and the distances ρ of these bounds there, give their
 //! multipliers λ at once:
 //!
 //! ```text

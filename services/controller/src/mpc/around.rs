@@ -40,7 +40,7 @@ const SPARE_M: f64 = 0.3;
 const UNSURE_S: f64 = 0.3;
 /// θ: time in which a robot inside the margin returns to it \[s\].
 const RETURN_S: f64 = 0.2;
-/// v: speed with which a robot leaves what touches it, so that it harms nobody by a leap \[m/s\].
+/// v: largest speed at which the plan leaves an obstacle that touches the robot \[m/s\].
 const LEAVES_MPS: f64 = 0.3;
 /// A row whose bound is closer than this, in units of its bound, holds the plan.
 const HOLDS: f64 = 1e-3;

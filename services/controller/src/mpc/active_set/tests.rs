@@ -194,8 +194,8 @@ proptest! {
         // Once more, from the rows that are active there.
         let mut again = vec![0.0; program.unknowns()];
         prop_assert!(solver.solve(&program, &mut again, &Turn::default()).usable());
-        let misses =
-            dense.misses(&DVector::from_column_slice(&again), &self::multipliers(&solver, &program));
+        let multipliers = self::multipliers(&solver, &program);
+        let misses = dense.misses(&DVector::from_column_slice(&again), &multipliers);
         prop_assert!(keeps(&program, &again) && misses < 1e-6, "{}", misses);
         // Where curvatures span many decades, the answer of the interior-point method violates
         // bounds within its tolerance, and costs less.
