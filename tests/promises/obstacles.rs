@@ -8,9 +8,8 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-/// Excess of a speed limit [m/s]: on the ramp of 8 m/s² the robot, which is half as heavy again as
-/// its file says, lags by 10 ms more than the gate knows.
-const ZONE_SLACK_MPS: f64 = 0.08;
+/// Excess of a speed limit that the lag of the robot explains [m/s].
+const ZONE_SLACK_MPS: f64 = 0.05;
 
 fn hall() -> Result<Surroundings, Box<dyn Error>> {
     let text = fs::read_to_string(repository().join("deploy/maps/hall.toml"))?;

@@ -50,7 +50,7 @@
 //! least d ‖v‖/k, and the ramp slows the robot by at least a:
 //!
 //! ```text
-//! (s ‖v‖)² + 2 a s ‖v‖ (T + τ) ≤ u² + 2 a d ‖v‖/k
+//! (s ‖v‖)² + 2 a (s ‖v‖ T + max(s ‖v‖, ‖v₀‖) τ) ≤ u² + 2 a d ‖v‖/k
 //! ```
 //! Constant memory; no clock. One check costs O(corners).
 
@@ -231,7 +231,8 @@ impl<'a> Stopping<'a> {
             return border.distance_m > 0.0;
         }
         let path = border.distance_m * self.speed_mps / closing;
-        let wait = speed * (response_s + period_s);
+        let rest = self.left_over.iter().map(|(velocity, _)| length(*velocity));
+        let wait = speed * period_s + rest.fold(speed, f64::max) * response_s;
         speed * speed + 2.0 * brake_mps2 * wait <= limit_mps * limit_mps + 2.0 * brake_mps2 * path
     }
 

@@ -119,7 +119,9 @@ class Stopping:
         closing = self._closing((self.velocity, self.yaw), border.normal, self._turn(share))
         if border.distance <= 0.0 or closing <= 0.0:
             return border.distance > 0.0
-        path = border.distance * self.speed / closing - speed * (body.response + body.period)
+        rest = max([speed, *(math.hypot(*velocity) for velocity, _ in self.left_over)])
+        wait = speed * body.period + rest * body.response
+        path = border.distance * self.speed / closing - wait
         return speed**2 <= limit**2 + 2.0 * body.brake * path
 
 
