@@ -3,8 +3,9 @@
 //! | rule    | what must hold                                                                  |
 //! |---------|---------------------------------------------------------------------------------|
 //! | stops   | one that appears farther away than the robot needs to stop is not touched       |
-//! | brakes  | while one touches the footprint, the robot comes to rest or leaves; from then   |
-//! |         | on it does not get deeper into it                                               |
+//! | brakes  | while one touches the footprint, the ramp of the brake ends each motion towards |
+//! |         | it; from then on a command that leads towards it is a ramp that ends, and the   |
+//! |         | robot gets no deeper into it once it rests                                      |
 //! | slows   | where the gate slows the robot, no axis gets faster than it was and was sent   |
 //! | leaves  | a robot that moves and is commanded straight away from it is not slowed: at     |
 //! |         | most 45° beside −n, and without a turn. The gate has to expect more of others.  |
@@ -35,6 +36,8 @@ const STAYS_MILLIS: u64 = 1500;
 /// Where the robot drives to and fro \[m\], and its largest speed.
 const FAR_M: f64 = 2.0;
 const SPEED_MPS: &str = "1.5";
+/// Closing speed that counts as none: the normal turns while the robot moves \[m/s\].
+const SLACK_MPS: f64 = 0.02;
 /// Way deeper into an obstacle that counts as none \[m\].
 const DEEPER_M: f64 = 0.005;
 /// Rounding \[m/s, rad/s\].
@@ -141,6 +144,17 @@ struct Period<'a> {
     obstacle: Obstacle,
 }
 
+/// How the footprint touches an obstacle.
+#[derive(Debug, Clone, Copy)]
+struct Touch {
+    /// Tick at which the ramp of the present motion has ended.
+    ends: u64,
+    /// Tick at which the robot rests.
+    rests: u64,
+    /// Least distance until then \[m\].
+    least_m: f64,
+}
+
 /// Since when one obstacle is there.
 #[derive(Debug, Clone, Copy)]
 struct There {
@@ -148,9 +162,7 @@ struct There {
     since: u64,
     /// Whether the robot can stop before it.
     is_far: bool,
-    /// Tick at which the robot rests after it has begun to touch, and its least distance until then
-    /// \[m\].
-    touch: Option<(u64, f64)>,
+    touch: Option<Touch>,
     has_touched: bool,
     /// Number of periods in a row in which the robot left it, but was slowed.
     slowed_periods: u64,
@@ -241,21 +253,45 @@ impl Period<'_> {
         if apart > 0.0 {
             there.touch = None;
         } else {
-            let ramp_s = (0..3).map(|axis| twists[0][axis].abs() / limits.brake[axis]);
-            let rests_s = ramp_s.fold(0.0, f64::max) + LAGS * robot.response_time_s();
-            let rests = tick + (rests_s / limits.period_s).ceil() as u64 + RAMP_PERIODS;
-            let (rests, least) = *there.touch.get_or_insert((rests, apart));
+            let mut touch = there.touch.unwrap_or_else(|| {
+                let ramp_s = (0..3).map(|axis| twists[0][axis].abs() / limits.brake[axis]);
+                let ramp_s = ramp_s.fold(0.0, f64::max);
+                let after = |seconds: f64| (seconds / limits.period_s).ceil() as u64 + RAMP_PERIODS;
+                Touch {
+                    ends: tick + after(ramp_s),
+                    rests: tick + after(ramp_s + LAGS * robot.response_time_s()),
+                    least_m: apart,
+                }
+            });
             found.touched += u64::from(!there.has_touched);
             there.has_touched = true;
-            if *tick <= rests {
-                there.touch = Some((rests, least.min(apart)));
-            } else if apart < least - DEEPER_M {
+            // The normal turns on the way, and the gate predicts the pose by its own output: the
+            // least speed of all these poses counts.
+            let poses =
+                [*pose, triple(truths[1], "pose")?, predicted(pose, &twists[0], limits.period_s)];
+            let closing = poses
+                .iter()
+                .map(|pose| closing_mps(&footprint.placed(pose), pose, &twists[1], obstacle))
+                .fold(f64::INFINITY, f64::min);
+            let brakes =
+                (0..3).all(|axis| twists[1][axis].abs() <= twists[0][axis].abs() + ROUNDING);
+            if *tick > touch.ends && !(closing <= SLACK_MPS || brakes) {
                 found.violations.push(format!(
-                    "tick {tick}: the robot is at {apart:.3} m from the obstacle of tick {}, and \
-                     was at {least:.3} m when it had braked",
+                    "tick {tick}: the obstacle of tick {} touches the footprint ({apart:.3} m), \
+                     and the command closes in with {closing:.3} m/s",
                     there.since
                 ));
             }
+            if *tick <= touch.rests {
+                touch.least_m = touch.least_m.min(apart);
+            } else if apart < touch.least_m - DEEPER_M {
+                found.violations.push(format!(
+                    "tick {tick}: the robot is at {apart:.3} m from the obstacle of tick {}, and \
+                     was at {:.3} m when it had braked",
+                    there.since, touch.least_m
+                ));
+            }
+            there.touch = Some(touch);
         }
         if is_slowed(states[1]) {
             found.slowed += 1;
@@ -290,6 +326,13 @@ impl Period<'_> {
         }
         Ok(there)
     }
+}
+
+/// Where a robot at `pose` is after `seconds` of a body velocity.
+fn predicted(pose: &[f64; 3], [ahead, left, yaw]: &Velocity, seconds: f64) -> [f64; 3] {
+    let (sin, cos) = pose[2].sin_cos();
+    let velocity = [cos * ahead - sin * left, sin * ahead + cos * left, *yaw];
+    std::array::from_fn(|axis| pose[axis] + velocity[axis] * seconds)
 }
 
 /// Largest speed of a corner of `footprint`, at `pose`, towards the obstacle \[m/s\].
