@@ -10,7 +10,9 @@ use learner::settings::KernelChoice;
 use learner::store;
 use model::gp::dictionary::{Dictionary, Observation, Selection};
 use model::gp::hyperparameters::Hyperparameters;
-use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, Moment};
+use model::learned::{
+    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, INPUTS_WITH_PLACE, Layout, Moment,
+};
 use protocol::VERSION;
 use protocol::frame::{self, DecodeError};
 use protocol::message::{
@@ -169,6 +171,7 @@ fn resumed(bytes: &[u8], file: &Path) -> Verdict {
     begun_with::<INPUTS>(&snapshot)?;
     begun_with::<INPUTS_WITH_HEADING>(&snapshot)?;
     begun_with::<INPUTS_WITH_HISTORY>(&snapshot)?;
+    begun_with::<INPUTS_WITH_PLACE>(&snapshot)?;
     adopted(&snapshot)
 }
 
@@ -208,6 +211,7 @@ fn layout_of(inputs: usize) -> Layout {
     match inputs {
         INPUTS_WITH_HEADING => Layout::VelocitySlipHeading,
         INPUTS_WITH_HISTORY => Layout::VelocitySlipHistory,
+        INPUTS_WITH_PLACE => Layout::VelocitySlipPlace,
         _ => Layout::VelocitySlip,
     }
 }
@@ -222,7 +226,7 @@ fn adopted(snapshot: &ModelSnapshot) -> Verdict {
             Err(refusal) => return refused(&refusal.to_string()),
         };
     let (velocity, input, before) = ([1.0, 0.1, -0.2], [1.1, 0.0, 0.0], [0.9, 0.0, 0.1]);
-    let moment = Moment { velocity, input, before, heading: 0.7 };
+    let moment = Moment { velocity, input, before, heading: 0.7, position: [2.0, -1.0] };
     let mean = candidate.learned.response(&moment).mean;
     candidate.learned.sample_variance(&moment, &mut candidate.scratch);
     // For numbers near the largest ones the mean may be NaN, which the controller checks in every

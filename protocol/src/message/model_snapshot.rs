@@ -48,6 +48,9 @@ message! {
         /// λ² of the offset and of each slope over the normalised inputs, per velocity axis
         /// \[(m/s)², (m/s)², (rad/s)²\]; 0: no linear part.
         linear_variance: [f64; 3],
+        /// π² of the place part over the last four inputs, per velocity axis \[(m/s)², (m/s)²,
+        /// (rad/s)²\]; 0: no place part.
+        place_variance: [f64; 3],
         /// σₙ², per velocity axis \[(m/s)², (m/s)², (rad/s)²\].
         noise_variance: [f64; 3],
         /// Variance of a new sample beyond that of the function, per velocity axis, from held-out

@@ -352,6 +352,7 @@ impl Examples for ModelSnapshot {
             score_samples: 40,
             signal_variance: [1.0, 2.0, 3.0],
             linear_variance: [0.5, 0.25, 0.0],
+            place_variance: [0.125, 0.0, 0.0],
             noise_variance: [0.01; 3],
             sample_variance: [0.02; 3],
             score_learned: [0.125; 3],

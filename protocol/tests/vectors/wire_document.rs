@@ -3,7 +3,8 @@
 use protocol::VERSION;
 use protocol::message::field::{Allowed, Field, Wire};
 use protocol::message::{
-    Coded, Exposure, FallbackLevel, GateState, Participant, Phase, Reason, SolverStatus,
+    Coded, Credit, Exposure, FallbackLevel, GateState, Message, Participant, Phase, Reason,
+    SolverStatus,
 };
 use protocol::topic::{OnTopic, Visit, visit_all};
 use std::error::Error;
@@ -12,7 +13,11 @@ use std::fmt::Write;
 /// `document` with its parts written anew. A part begins with `<!-- written: NAME -->` and ends
 /// with `<!-- end -->`.
 pub(crate) fn with_tables(document: &str) -> Result<String, Box<dyn Error>> {
-    let mut parts = Parts(vec![("version".to_owned(), version()), ("codes".to_owned(), codes())]);
+    let mut parts = Parts(vec![
+        ("version".to_owned(), version()),
+        ("header of the example".to_owned(), header()),
+        ("codes".to_owned(), codes()),
+    ]);
     visit_all(&mut parts);
     let mut text = document.to_owned();
     for (name, part) in parts.0 {
@@ -53,6 +58,20 @@ fn row(field: &Field) -> String {
 
 fn version() -> String {
     format!("This document describes protocol version {VERSION}.\n")
+}
+
+/// Version and kind of the example, a Credit.
+fn header() -> String {
+    let kind = Credit::KIND;
+    let bytes: String = VERSION
+        .to_le_bytes()
+        .into_iter()
+        .chain(kind.to_le_bytes())
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    format!(
+        "Example, a Credit message. It begins with `{bytes}`: version {VERSION}, kind {kind}.\n"
+    )
 }
 
 fn codes() -> String {

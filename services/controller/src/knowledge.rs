@@ -303,10 +303,11 @@ impl Knowledge {
     pub fn write_variance(&mut self, plan: &mut Plan, acted: &Velocity) {
         let periods = plan.predicted.iter().zip(&plan.input).take(plan.horizon as usize);
         let mut before = *acted;
-        for (slot, (&[_, _, heading, forward, left, rate], &input)) in
+        for (slot, (&[x, y, heading, forward, left, rate], &input)) in
             plan.variance.iter_mut().zip(periods)
         {
-            let at = Moment { velocity: [forward, left, rate], input, before, heading };
+            let (velocity, position) = ([forward, left, rate], [x, y]);
+            let at = Moment { velocity, input, before, heading, position };
             *slot = self.explanations.variance(&at);
             before = input;
         }

@@ -191,7 +191,29 @@ impl ReferenceSettings {
     }
 }
 
+impl ReferenceSettings {
+    /// Time of one lap \[s\]; `None` of a path that does not come back.
+    pub fn lap_s(&self) -> Option<f64> {
+        Some(self.path.lap_s()? / self.speed_factor)
+    }
+}
+
 impl PathSettings {
+    /// Time of one lap by the path's own clock \[s\].
+    fn lap_s(&self) -> Option<f64> {
+        match *self {
+            Self::Circle { radius_m, speed_mps } => {
+                Some(std::f64::consts::TAU * radius_m / speed_mps)
+            }
+            Self::FigureEight { lap_s, .. } => Some(lap_s),
+            Self::Square { side_m, speed_mps } => Some(4.0 * side_m / speed_mps),
+            Self::PaperCurve { .. }
+            | Self::StopAndGo { .. }
+            | Self::PointToPoint { .. }
+            | Self::Points { .. } => None,
+        }
+    }
+
     fn check(&self) -> Result<(), Impossible> {
         let speed = |speed: f64| ("speed_mps", speed, METRES_PER_SECOND);
         let acceleration =

@@ -41,6 +41,10 @@ pub enum Figure {
     CorridorViolations,
     /// Share of samples in the learner's 95 % interval, over all axes.
     Coverage,
+    /// Position RMSE of the first lap; laps are counted from 3 s on.
+    FirstLap,
+    /// Position RMSE of the third lap.
+    ThirdLap,
     /// Ticks outside the state limits, or without a controller's command.
     ConstraintViolations,
     /// Median of the tick times.
@@ -65,6 +69,8 @@ impl Figure {
             Self::InputEffort => ("input effort [m/s2]", 1.0),
             Self::CorridorViolations => ("outside the corridor [%]", 1e2),
             Self::Coverage => ("within the learner's 95 % interval [%]", 1e2),
+            Self::FirstLap => ("position RMSE of the first lap [mm]", 1e3),
+            Self::ThirdLap => ("position RMSE of the third lap [mm]", 1e3),
             Self::ConstraintViolations => ("constraint violations [ticks]", 1.0),
             Self::TickP50 => ("tick, median [us]", 1.0),
             Self::TickP99 => ("tick, 99th percentile [us]", 1.0),
@@ -89,9 +95,11 @@ impl Figure {
             Self::InputEffort => (Some(row.input_effort), f64::INFINITY),
             Self::CorridorViolations => (row.corridor_violations, f64::NAN),
             Self::Coverage => (
-                row.coverage.map(|of_axes| of_axes.iter().sum::<f64>() / of_axes.len() as f64),
+                row.interval.map(|of| of.coverage.iter().sum::<f64>() / of.coverage.len() as f64),
                 f64::NAN,
             ),
+            Self::FirstLap => (row.laps_rmse_m.first().copied(), f64::NAN),
+            Self::ThirdLap => (row.laps_rmse_m.get(2).copied(), f64::NAN),
             Self::ConstraintViolations => (Some(row.constraint_violations as f64), f64::INFINITY),
             Self::TickP50 => (row.tick_p50_us, f64::INFINITY),
             Self::TickP99 => (row.tick_p99_us, f64::INFINITY),
@@ -142,6 +150,23 @@ pub(super) fn recovery(distances: &[(u64, f64)], change: u64) -> Option<f64> {
         }
     }
     back
+}
+
+/// Position RMSE of each whole lap of `lap_s`; the first one begins at 3 s \[m\].
+pub(super) fn laps(distances: &[(u64, f64)], lap_s: f64) -> Vec<f64> {
+    let lap = (lap_s * 1e9) as u64;
+    let end = distances.last().map_or(0, |&(at, _)| at);
+    let begins = (0..).map(|number| START_NANOS + number * lap);
+    begins
+        .take_while(|begin| begin + lap <= end)
+        .map(|begin| {
+            let of_lap = distances.iter().filter(|(at, _)| (begin..begin + lap).contains(at));
+            let (count, sum) = of_lap.fold((0.0, 0.0), |(count, sum), (_, distance)| {
+                (count + 1.0, sum + distance * distance)
+            });
+            f64::sqrt(sum / count)
+        })
+        .collect()
 }
 
 /// The time from which the compensated delays stay within one period of the true one. Each delay
@@ -204,6 +229,17 @@ mod tests {
         assert!(at_end(&run(0, 34 * seconds)).is_some_and(|mean| (mean - 0.01).abs() < 1e-12));
         assert!(at_end(&run(37 * seconds, 100 * seconds)).is_some_and(|mean| mean > 0.03));
         assert_eq!(at_end(&[(0, f64::NAN)]), None);
+    }
+
+    #[test]
+    fn each_whole_lap_from_3_s_on_has_its_error() {
+        let seconds = 1_000_000_000;
+        let errors = laps(&run(13 * seconds, 23 * seconds), 10.0);
+        assert_eq!(errors.len(), 3);
+        for (error, is) in errors.iter().zip([0.01, 0.05, 0.01]) {
+            assert!((error - is).abs() < 1e-12, "{errors:?}");
+        }
+        assert!(laps(&[], 10.0).is_empty());
     }
 
     #[test]

@@ -204,6 +204,9 @@ mod tests {
             simple_share: 0.0,
             duration_s: 30.0,
             arrival_s: None,
+            arrival_by_band_s: BTreeMap::new(),
+            figures_of: "truth",
+            laps_rmse_m: Vec::new(),
             speed_settle_s: None,
             steady_speed_error_mps: None,
             position_rmse_m,
@@ -215,7 +218,7 @@ mod tests {
             input_effort: 0.0,
             constraint_violations: 0,
             corridor_violations: None,
-            coverage: None,
+            interval: None,
             tick_p50_us: None,
             tick_p99_us: None,
         }

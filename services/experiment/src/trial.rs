@@ -1,6 +1,6 @@
 //! One closed loop: one scenario, contender, seed and start, in one process and in lock step.
 
-use super::calibration::Calibration;
+use super::calibration::{Calibration, Interval};
 use super::contender::Contender;
 use super::figure;
 use super::poison::Poison;
@@ -17,6 +17,7 @@ use protocol::message::{
 use recorder::rows::Rows;
 use recorder::summary::{self, Summary};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
 use std::path::Path;
 use std::time::Duration;
@@ -67,6 +68,10 @@ pub struct Row {
     /// As in `summary.json`.
     pub arrival_s: Option<f64>,
     /// As in `summary.json`.
+    pub arrival_by_band_s: BTreeMap<&'static str, Option<f64>>,
+    /// As in `summary.json`.
+    pub figures_of: &'static str,
+    /// As in `summary.json`.
     pub speed_settle_s: Option<f64>,
     /// As in `summary.json`.
     pub steady_speed_error_mps: Option<f64>,
@@ -91,9 +96,11 @@ pub struct Row {
     /// Share of ticks at which the truth was outside the scenario's corridor; none without a
     /// corridor.
     pub corridor_violations: Option<f64>,
-    /// Share of residual samples in the learner's 95 % interval, per axis. The learner gave the
-    /// interval before it had the sample.
-    pub coverage: Option<[f64; 3]>,
+    /// Position RMSE of each whole lap from 3 s on, for a reference that comes back \[m\].
+    pub laps_rmse_m: Vec<f64>,
+    /// The learner's 95 % interval of residual samples. The learner gave it before it had the
+    /// sample.
+    pub interval: Option<Interval>,
     /// Ticks at which the truth was outside the scenario's state limits, or the gate did not apply
     /// a controller's answer.
     pub constraint_violations: u64,
@@ -177,6 +184,8 @@ pub fn run(
         poison: None,
         duration_s: assembly.scenario.duration_s,
         arrival_s: summary.arrival_s,
+        arrival_by_band_s: summary.arrival_by_band_s,
+        figures_of: summary.figures_of,
         speed_settle_s: summary.speed_settle_s,
         steady_speed_error_mps: summary.steady_speed_error_mps,
         position_rmse_m: summary.position_rmse_m,
@@ -191,7 +200,9 @@ pub fn run(
         input_effort: effort(&witnessed.inputs) / period,
         constraint_violations: witnessed.violations,
         corridor_violations: corridor.map(|corridor| corridor.left_for(&witnessed.truths)),
-        coverage: witnessed.calibration.coverage(),
+        laps_rmse_m: (assembly.scenario.reference.lap_s())
+            .map_or_else(Vec::new, |lap_s| figure::laps(&distances, lap_s)),
+        interval: witnessed.calibration.interval(),
         learned_share: witnessed.learned.map(|plans| plans as f64 / witnessed.plans.max(1) as f64),
         simple_share: witnessed.simple as f64 / witnessed.plans.max(1) as f64,
         tick_p50_us: summary.tick_p50_us,

@@ -153,8 +153,8 @@ fn a_chance_level_keeps_the_robot_in_its_corridor() -> Outcome {
             assembly.scenario.mpc.state_limits.chance_level = level;
             let row = run(&assembly, contender, Start::Cold, tempfile::tempdir()?.path())?;
             assert!(
-                row.coverage
-                    .is_some_and(|of_axes| of_axes.iter().all(|share| (0.0..=1.0).contains(share))),
+                row.interval
+                    .is_some_and(|of| of.coverage.iter().all(|share| (0.0..=1.0).contains(share))),
                 "{row:?}"
             );
             sum += row.corridor_violations.ok_or("no figure")?;

@@ -6,7 +6,7 @@ use crate::settings::Settings;
 use crate::snapshot;
 use model::gp::dictionary::{Dictionary, Observation, Outcome, Selection};
 use model::gp::hyperparameters::Hyperparameters;
-use model::learned::Layout;
+use model::learned::{INPUTS, Layout};
 use model::main_model::{MainModel, fingerprint};
 use model::residual::bound;
 use model::{AXES, Velocity};
@@ -16,6 +16,14 @@ use protocol::message::ResidualSample;
 const VELOCITY_SHARE: f64 = 0.2;
 /// Slip unit of the kernel inputs, as a share of the physical range of the velocity.
 const SLIP_SHARE: f64 = 0.1;
+/// Unit of the position inputs of the kernel \[m\]. The effect of a place changes over about three
+/// units, which is about the size of a robot.
+const POSITION_UNIT_M: f64 = 0.15;
+/// Unit of the heading inputs of the kernel beside a position.
+const HEADING_UNIT: f64 = 0.5;
+/// Prior variance of the effect of a place, of that of the smooth function, for the selection of
+/// samples.
+const PLACE_SHARE: f64 = 0.1;
 /// Age at which a sample has half its weight \[s\].
 const MEMORY_S: f64 = 5.0;
 /// Innovations that are never surprising, as a share of the largest plausible residual.
@@ -44,11 +52,13 @@ impl<const D: usize> DataSet<D> {
         fit_settings: &FitSettings<D>,
         memory_samples: f64,
     ) -> Self {
+        // It has about the curvature of friction, in the units of the inputs.
+        let kernel = Hyperparameters::new([1.0; D], 1.0, 0.01).with_linear(1.0);
+        let has_place = fit_settings.layout.has_place();
         let selection = Selection {
             capacity: settings.learner.points_max,
             normalisation: fit_settings.normalisation(),
-            // It has about the curvature of friction, in the units of the inputs.
-            kernel: Hyperparameters::new([1.0; D], 1.0, 0.01).with_linear(1.0),
+            kernel: if has_place { kernel.with_place(PLACE_SHARE) } else { kernel },
             memory_samples,
             noise_floor: fit_settings.bound.map(|bound| NOISE_SHARE * bound),
         };
@@ -87,6 +97,8 @@ pub fn fit_settings<const D: usize>(settings: &Settings) -> FitSettings<D> {
     let layout = settings.learner.layout;
     let scale = |input: usize| match (layout, input / AXES) {
         (Layout::VelocitySlipHeading, 2) => 1.0,
+        (Layout::VelocitySlipPlace, 2) if input < INPUTS + 2 => POSITION_UNIT_M,
+        (Layout::VelocitySlipPlace, 2 | 3) => HEADING_UNIT,
         (_, 0) | (Layout::VelocityInput, _) => VELOCITY_SHARE * range[input % AXES],
         _ => SLIP_SHARE * range[input % AXES],
     };

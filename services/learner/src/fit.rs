@@ -80,7 +80,7 @@ impl<const D: usize> FitSettings<D> {
     }
 
     /// Medians for a smooth function of the size that physics allows; beside a linear part, a
-    /// quarter of it.
+    /// quarter of it. The effect of a place is as large as that.
     fn medians(&self, bound: f64) -> Hyperparameters<D> {
         let smooth = |share: f64| {
             Hyperparameters::new([3.0; D], (share * bound).powi(2), (0.01 * bound).powi(2))
@@ -88,7 +88,8 @@ impl<const D: usize> FitSettings<D> {
         match self.kernel {
             KernelChoice::SquaredExponential => smooth(0.2),
             KernelChoice::LinearPlusSquaredExponential => {
-                smooth(0.05).with_linear((0.2 * bound).powi(2))
+                let place = if self.layout.has_place() { 0.05 } else { 0.0 };
+                smooth(0.05).with_linear((0.2 * bound).powi(2)).with_place((place * bound).powi(2))
             }
         }
     }
@@ -117,8 +118,7 @@ impl<const D: usize> FitSettings<D> {
     /// let moment = |forward: f64| Moment {
     ///     velocity: [forward, 0.0, 0.0],
     ///     input: [forward, 0.0, 0.0],
-    ///     before: [0.0; 3],
-    ///     heading: 0.0,
+    ///     ..Moment::default()
     /// };
     /// let observations: Vec<_> = (0..20)
     ///     .map(|step| 0.1 * f64::from(step))
@@ -197,9 +197,11 @@ impl<const D: usize> FitSettings<D> {
                 (1e-3 * bound).powi(2),
                 (NOISE_FLOOR * bound).powi(2),
             )
-            .with_linear((1e-3 * bound).powi(2)),
+            .with_linear((1e-3 * bound).powi(2))
+            .with_place((1e-3 * bound).powi(2)),
             upper: Hyperparameters::new([100.0; D], (2.0 * bound).powi(2), (0.3 * bound).powi(2))
-                .with_linear((2.0 * bound).powi(2)),
+                .with_linear((2.0 * bound).powi(2))
+                .with_place((2.0 * bound).powi(2)),
         };
         let Hyperparameters { kernel, noise_variance } = self.medians(bound);
         let around = |median: f64, log_deviation: f64| Some(LogNormal { median, log_deviation });
@@ -215,6 +217,8 @@ impl<const D: usize> FitSettings<D> {
             variance: around(kernel.variance, variance_deviation),
             noise_variance: around(noise_variance, 3.0),
             linear_variance,
+            place_variance: around(kernel.place_variance, 1.0)
+                .filter(|_| kernel.place_variance > 0.0),
         };
         FitOptions {
             bounds,

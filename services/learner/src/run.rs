@@ -24,7 +24,8 @@ use model::gp::dictionary::Outcome;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::posterior::VarianceScratch;
 use model::learned::{
-    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Learned, Residual, Uncertain,
+    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, INPUTS_WITH_PLACE, Learned, Residual,
+    Uncertain,
 };
 use model::{AXES, Velocity};
 use process::{Pace, Pulse, Stop};
@@ -67,6 +68,7 @@ pub fn run(settings: &Settings, ports: &Ports, stop: &Stop) -> Result<(), RunErr
     match settings.learner.layout.dimension() {
         INPUTS_WITH_HEADING => run_over::<INPUTS_WITH_HEADING>(settings, ports, stop),
         INPUTS_WITH_HISTORY => run_over::<INPUTS_WITH_HISTORY>(settings, ports, stop),
+        INPUTS_WITH_PLACE => run_over::<INPUTS_WITH_PLACE>(settings, ports, stop),
         _ => run_over::<INPUTS>(settings, ports, stop),
     }
 }

@@ -71,6 +71,15 @@ impl LearnerSettings {
     pub fn check(&self) -> Result<(), Impossible> {
         let impossible =
             |key: &str, expected: String| Err(Impossible { key: key.into(), expected });
+        if self.layout.has_place() && self.kernel == KernelChoice::SquaredExponential {
+            return impossible(
+                "kernel",
+                format!(
+                    "\"linear+squared-exponential\": the layout \"{}\" needs it",
+                    self.layout.name()
+                ),
+            );
+        }
         if self.every_ticks == 0 {
             return impossible("every_ticks", "at least 1 period".into());
         }

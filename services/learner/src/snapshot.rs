@@ -23,8 +23,14 @@ pub struct Label {
 
 /// The period of `sample`.
 pub fn moment(sample: &ResidualSample) -> Moment {
-    let [_, _, heading] = sample.pose;
-    Moment { velocity: sample.velocity, input: sample.input, before: sample.input_before, heading }
+    let [x, y, heading] = sample.pose;
+    Moment {
+        velocity: sample.velocity,
+        input: sample.input,
+        before: sample.input_before,
+        heading,
+        position: [x, y],
+    }
 }
 
 /// RMS one-step error of the fitted model and of the main model alone, per axis, over `samples`;
@@ -72,6 +78,7 @@ pub fn write<const D: usize>(
         head.length_scale[axis] = widened(&hyperparameters.kernel.length_scale, 1.0);
         head.signal_variance[axis] = hyperparameters.kernel.variance;
         head.linear_variance[axis] = hyperparameters.kernel.linear_variance;
+        head.place_variance[axis] = hyperparameters.kernel.place_variance;
         head.noise_variance[axis] = hyperparameters.noise_variance;
         head.sample_variance[axis] = fitted.learned.sample_variance[axis];
     }

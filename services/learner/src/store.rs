@@ -134,13 +134,13 @@ pub fn resume<const D: usize>(
             head.signal_variance[axis],
             head.noise_variance[axis],
         );
-        // Whether there is a linear part depends on the present settings, not on the earlier ones.
-        let linear_variance = match (first[axis].kernel.linear_variance, head.linear_variance[axis])
-        {
-            (asked, kept) if asked > 0.0 && kept > 0.0 => kept,
-            (asked, _) => asked,
-        };
-        let kept = plain.with_linear(linear_variance);
+        // Whether there is a linear or place part depends on the present settings, not on the
+        // earlier ones.
+        let of_part = |asked: f64, kept: f64| if asked > 0.0 && kept > 0.0 { kept } else { asked };
+        let asked = &first[axis].kernel;
+        let kept = plain
+            .with_linear(of_part(asked.linear_variance, head.linear_variance[axis]))
+            .with_place(of_part(asked.place_variance, head.place_variance[axis]));
         // No fit can begin at hyperparameters that are not positive and finite.
         if kept.check().is_ok() { kept } else { first[axis] }
     })

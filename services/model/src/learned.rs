@@ -5,6 +5,7 @@
 //! The squared-exponential part is right where there is data. Its slope is steep where old and new
 //! data disagree, and a plan that follows such a slope is wrong.
 
+use crate::gp::kernel::PLACE_INPUTS;
 use crate::gp::normalisation::Normalisation;
 use crate::gp::posterior::{Posterior, VarianceScratch};
 use crate::{AXES, State, Velocity};
@@ -19,6 +20,9 @@ pub const INPUTS_WITH_HISTORY: usize = 9;
 /// Number of inputs with the heading.
 pub const INPUTS_WITH_HEADING: usize = 8;
 
+/// Number of inputs with the place.
+pub const INPUTS_WITH_PLACE: usize = INPUTS + PLACE_INPUTS;
+
 /// One period as the Gaussian processes see it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moment {
@@ -30,13 +34,15 @@ pub struct Moment {
     pub before: Velocity,
     /// θ: heading at its start \[rad\].
     pub heading: f64,
+    /// (x, y): position at its start, in the world \[m\].
+    pub position: [f64; 2],
 }
 
 impl Moment {
     /// The period that begins with `state`, under `input`.
     pub fn new(state: &State, input: &Velocity) -> Self {
-        let State { pose: [_, _, heading], velocity, acted } = *state;
-        Self { velocity, input: *input, before: acted, heading }
+        let State { pose: [x, y, heading], velocity, acted } = *state;
+        Self { velocity, input: *input, before: acted, heading, position: [x, y] }
     }
 }
 
@@ -56,9 +62,23 @@ pub enum Layout {
     /// floor, is linear in the last two. Do not use it where wheels slip: there the heading varies
     /// with the residual and is taken for its cause.
     VelocitySlipHeading,
+    /// (v, u − v) and the place (x, y, cos θ, sin θ), whose effect is added by a part of its own of
+    /// the kernel: what the floor does at a place is learned from one lap for the next. For robots
+    /// that come back to the same places, whose pose does not drift. It needs a kernel with a
+    /// linear part.
+    VelocitySlipPlace,
 }
 
 impl Layout {
+    /// All layouts.
+    pub const ALL: [Self; 5] = [
+        Self::VelocityInput,
+        Self::VelocitySlip,
+        Self::VelocitySlipHistory,
+        Self::VelocitySlipHeading,
+        Self::VelocitySlipPlace,
+    ];
+
     /// Name in settings and fingerprints.
     pub const fn name(self) -> &'static str {
         match self {
@@ -66,6 +86,7 @@ impl Layout {
             Self::VelocitySlip => "velocity-slip",
             Self::VelocitySlipHistory => "velocity-slip-history",
             Self::VelocitySlipHeading => "velocity-slip-heading",
+            Self::VelocitySlipPlace => "velocity-slip-place",
         }
     }
 
@@ -75,7 +96,13 @@ impl Layout {
             Self::VelocityInput | Self::VelocitySlip => INPUTS,
             Self::VelocitySlipHistory => INPUTS_WITH_HISTORY,
             Self::VelocitySlipHeading => INPUTS_WITH_HEADING,
+            Self::VelocitySlipPlace => INPUTS_WITH_PLACE,
         }
+    }
+
+    /// Whether the last inputs are the place.
+    pub const fn has_place(self) -> bool {
+        matches!(self, Self::VelocitySlipPlace)
     }
 
     /// The first D inputs of the Gaussian processes, not normalised; zero beyond
@@ -91,6 +118,9 @@ impl Layout {
                 (Self::VelocitySlipHistory, 2) => at.before[axis] - velocity,
                 (Self::VelocitySlipHeading, 2) if axis == 0 => at.heading.cos(),
                 (Self::VelocitySlipHeading, 2) if axis == 1 => at.heading.sin(),
+                (Self::VelocitySlipPlace, 2) if axis < 2 => at.position[axis],
+                (Self::VelocitySlipPlace, 2) => at.heading.cos(),
+                (Self::VelocitySlipPlace, 3) if axis == 0 => at.heading.sin(),
                 _ => 0.0,
             }
         })
@@ -115,7 +145,12 @@ impl Layout {
             },
             heading: match self {
                 Self::VelocitySlipHeading => input(2, 1).atan2(input(2, 0)),
+                Self::VelocitySlipPlace => input(3, 0).atan2(input(2, 2)),
                 _ => 0.0,
+            },
+            position: match self {
+                Self::VelocitySlipPlace => [input(2, 0), input(2, 1)],
+                _ => [0.0; 2],
             },
         }
     }
@@ -193,7 +228,7 @@ impl<const D: usize> Residual for Learned<D> {
     }
 
     /// O(n). The Jacobians are those of the kernel's linear part alone, and zero where the bound
-    /// limits g. There is no Jacobian by the heading: within a horizon the body turns by little.
+    /// limits g. There is no Jacobian by heading and position: within a horizon they change little.
     fn response(&self, at: &Moment) -> Response {
         let mut response = Response { mean: self.mean(at), ..Response::NONE };
         let slope = self.posterior.slope();
@@ -212,7 +247,8 @@ impl<const D: usize> Residual for Learned<D> {
                     Layout::VelocityInput => by_first,
                     Layout::VelocitySlip
                     | Layout::VelocitySlipHistory
-                    | Layout::VelocitySlipHeading => by_first - by_second - by_third,
+                    | Layout::VelocitySlipHeading
+                    | Layout::VelocitySlipPlace => by_first - by_second - by_third,
                 };
             }
         }
@@ -246,20 +282,17 @@ mod tests {
             input: [1.25, -0.25, 0.5],
             before: [0.5, 0.25, -1.0],
             heading: 2.0,
+            position: [3.0, -4.0],
         };
-        for layout in [
-            Layout::VelocityInput,
-            Layout::VelocitySlip,
-            Layout::VelocitySlipHistory,
-            Layout::VelocitySlipHeading,
-        ] {
-            let inputs: [f64; INPUTS_WITH_HISTORY] = layout.inputs(&at);
+        for layout in Layout::ALL {
+            let inputs: [f64; INPUTS_WITH_PLACE] = layout.inputs(&at);
             let back = layout.moment(&inputs);
             assert_eq!((back.velocity, back.input), (at.velocity, at.input));
             let history = layout == Layout::VelocitySlipHistory;
             assert_eq!(back.before, if history { at.before } else { [0.0; AXES] });
-            let heading = layout == Layout::VelocitySlipHeading;
+            let heading = layout == Layout::VelocitySlipHeading || layout.has_place();
             assert!((back.heading - if heading { at.heading } else { 0.0 }).abs() < 1e-12);
+            assert_eq!(back.position, if layout.has_place() { at.position } else { [0.0; 2] });
         }
     }
 
@@ -290,6 +323,52 @@ mod tests {
                 assert!((said - is).abs() < 0.005, "{said} is not {is} at {heading}");
             }
         }
+        Ok(())
+    }
+
+    /// A bump of the floor pushes a robot that drives over it, whatever its heading. The robot
+    /// passes it in two directions.
+    #[test]
+    fn a_bump_is_predicted_where_it_is_and_nowhere_else() -> Result<(), PosteriorError> {
+        let layout = Layout::VelocitySlipPlace;
+        let at = |x: f64, heading: f64| Moment {
+            velocity: [0.5, 0.0, 0.0],
+            input: [0.6, 0.0, 0.0],
+            heading,
+            position: [x, 0.0],
+            ..Moment::default()
+        };
+        let push = |x: f64| [0.01 + 0.1 * (-(x / 0.3).powi(2)).exp(), 0.0, 0.0];
+        let places: Vec<f64> = (-20..=20).map(|i| 0.1 * f64::from(i)).collect();
+        let passes: Vec<(f64, f64)> =
+            places.iter().flat_map(|&x| [(x, 0.0), (x, std::f64::consts::PI)]).collect();
+        let inputs: Vec<[f64; INPUTS_WITH_PLACE]> =
+            passes.iter().map(|&(x, heading)| layout.inputs(&at(x, heading))).collect();
+        let targets: Vec<Velocity> = passes.iter().map(|&(x, _)| push(x)).collect();
+        let mut length_scale = [3.0; INPUTS_WITH_PLACE];
+        length_scale[INPUTS] = 0.3;
+        let prior =
+            Hyperparameters::new(length_scale, 1e-8, 1e-8).with_linear(0.01).with_place(0.01);
+        let learned = Learned {
+            layout,
+            normalisation: Normalisation {
+                mean: [0.0; INPUTS_WITH_PLACE],
+                scale: [1.0; INPUTS_WITH_PLACE],
+            },
+            posterior: Posterior::new(&inputs, &targets, &[prior; AXES])?,
+            bound: [1.0; AXES],
+            sample_variance: [0.0; AXES],
+        };
+        for x in [-1.55, -0.25, 0.05, 0.35, 1.25] {
+            for heading in [0.0, 0.3, 3.0] {
+                let [said, ..] = learned.mean(&at(x, heading));
+                let [is, ..] = push(x);
+                assert!((said - is).abs() < 0.003, "{said} is not {is} at {x}, {heading}");
+            }
+        }
+        // It is not taken for an effect of the input.
+        let response = learned.response(&at(0.0, 0.0));
+        assert!(response.by_input[0][0].abs() < 0.2, "{response:?}");
         Ok(())
     }
 }

@@ -118,7 +118,8 @@ mod tests {
     use crate::gp::normalisation::Normalisation;
     use crate::gp::posterior::{Posterior, PosteriorError};
     use crate::learned::{
-        INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Layout, Learned, Residual,
+        INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, INPUTS_WITH_PLACE, Layout, Learned,
+        Residual,
     };
     use proptest::prelude::*;
     use robot::Robot;
@@ -138,10 +139,11 @@ mod tests {
             input: three(i, [0.3, 1.9, 2.3]),
             before: three(i, [0.9, 1.1, 0.2]),
             heading: wave(i, 0.4),
+            position: [wave(i, 0.6), wave(i, 0.8)],
         };
         let inputs: Vec<[f64; D]> =
             (0..40).map(|i| normalisation.apply(&layout.inputs(&moment(i)))).collect();
-        let target = |Moment { velocity: v, input: u, before, heading }| {
+        let target = |Moment { velocity: v, input: u, before, heading, .. }| {
             [
                 0.1 * v[0].tanh() + 0.05 * before[0] + 0.02 * heading.cos(),
                 0.05 * v[1] * u[2],
@@ -163,7 +165,7 @@ mod tests {
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
             input in prop::array::uniform3(-2.0..2.0),
             acted in prop::array::uniform3(-2.0..2.0),
-            layout in 0..4_usize,
+            layout in 0..5_usize,
             lagging in any::<bool>()
         ) {
             let main = if lagging {
@@ -175,13 +177,14 @@ mod tests {
             let slip = learned::<INPUTS>(Layout::VelocitySlip);
             let history = learned::<INPUTS_WITH_HISTORY>(Layout::VelocitySlipHistory);
             let heading = learned::<INPUTS_WITH_HEADING>(Layout::VelocitySlipHeading);
-            let (Ok(input_alone), Ok(slip), Ok(history), Ok(heading)) =
-                (input_alone, slip, history, heading)
+            let place = learned::<INPUTS_WITH_PLACE>(Layout::VelocitySlipPlace);
+            let (Ok(input_alone), Ok(slip), Ok(history), Ok(heading), Ok(place)) =
+                (input_alone, slip, history, heading, place)
             else {
                 return Err(TestCaseError::fail("no posterior"));
             };
             let learned: &dyn Residual =
-                [&input_alone as &dyn Residual, &slip, &history, &heading][layout];
+                [&input_alone as &dyn Residual, &slip, &history, &heading, &place][layout];
             let belief = Belief {
                 main: &main,
                 learned: Some(learned),
@@ -211,8 +214,8 @@ mod tests {
                     prop_assert!((numeric - by_residual[(row, axis)]).abs() < 1e-8);
                 }
             }
-            // The heading has no Jacobian in that layout.
-            for column in (0..12).filter(|&column| column != 2 || layout != 3) {
+            // The pose has no Jacobian in the last two layouts.
+            for column in (0..12).filter(|&column| column > 2 || layout < 3) {
                 let moved = |by: f64| {
                     let (mut x, mut u) = (state.to_array(), [input, acted]);
                     if column < 6 { x[column] += by } else { u[column / 3 - 2][column % 3] += by }

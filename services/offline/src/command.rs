@@ -13,7 +13,7 @@ use identify::log::bag::Topics;
 use identify::log::{Log, LogError};
 use learner::fit::FailedFit;
 use learner::store::{self, StoreError};
-use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY};
+use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, INPUTS_WITH_PLACE};
 use model::main_model::MainModel;
 use process::Run;
 use protocol::frame::DecodeError;
@@ -143,6 +143,7 @@ pub fn learn(options: &LearnOptions) -> Result<(), LearnError> {
     let snapshot = match learner.learner.layout.dimension() {
         INPUTS_WITH_HEADING => work.snapshot::<INPUTS_WITH_HEADING>(),
         INPUTS_WITH_HISTORY => work.snapshot::<INPUTS_WITH_HISTORY>(),
+        INPUTS_WITH_PLACE => work.snapshot::<INPUTS_WITH_PLACE>(),
         _ => work.snapshot::<INPUTS>(),
     }?;
     store::save(&options.to, &snapshot)?;

@@ -90,10 +90,11 @@ pub fn show(options: &ShowOptions) -> Result<(), ShowError> {
 
 /// Kernel, hyperparameters with units, and scores, one line each.
 fn facts(head: &protocol::message::SnapshotHead, layout: &str) -> Vec<String> {
-    let kernel = if head.linear_variance.iter().any(|variance| *variance > 0.0) {
-        "linear + squared exponential"
-    } else {
-        "squared exponential"
+    let has = |variances: &[f64]| variances.iter().any(|variance| *variance > 0.0);
+    let kernel = match (has(&head.linear_variance), has(&head.place_variance)) {
+        (true, true) => "linear + squared exponential + place",
+        (true, false) => "linear + squared exponential",
+        _ => "squared exponential",
     };
     let mut facts = vec![
         format!("version {}, fingerprint {:#018x}", head.version, head.fingerprint),
@@ -105,10 +106,11 @@ fn facts(head: &protocol::message::SnapshotHead, layout: &str) -> Vec<String> {
         let lengths: Vec<String> =
             scales.map(|(length, scale)| format!("{:.2}", length * scale)).collect();
         facts.push(format!(
-            "{:8} σ {:.4}, λ {:.4}, σₙ {:.4}, of a new sample {:.4} {}; length scales {}",
+            "{:8} σ {:.4}, λ {:.4}, π {:.4}, σₙ {:.4}, of a new sample {:.4} {}; length scales {}",
             AXIS_NAMES[axis],
             head.signal_variance[axis].sqrt(),
             head.linear_variance[axis].sqrt(),
+            head.place_variance[axis].sqrt(),
             head.noise_variance[axis].sqrt(),
             head.sample_variance[axis].sqrt(),
             UNITS[axis],

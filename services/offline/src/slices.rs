@@ -3,7 +3,7 @@
 
 use controller::adopt::Candidate;
 use model::AXES;
-use model::learned::{INPUTS, INPUTS_WITH_HISTORY, Layout, Moment};
+use model::learned::{INPUTS, INPUTS_WITH_PLACE, Layout, Moment};
 use protocol::message::ModelSnapshot;
 use recorder::report::axis::Extent;
 
@@ -13,7 +13,7 @@ const POINTS: usize = 81;
 /// Half width of the band in standard deviations.
 const HALF_WIDTH: f64 = 2.0;
 
-type Inputs = [f64; INPUTS_WITH_HISTORY];
+type Inputs = [f64; INPUTS_WITH_PLACE];
 
 /// One curve with its band, and the data.
 #[derive(Debug, Clone)]
@@ -60,26 +60,34 @@ fn names(layout: Layout) -> &'static [&'static str] {
     ];
     const HEADING: [&str; 7] =
         [SLIP[0], SLIP[1], SLIP[2], SLIP[3], SLIP[4], SLIP[5], "heading [rad]"];
+    const PLACE: [&str; 9] =
+        [SLIP[0], SLIP[1], SLIP[2], SLIP[3], SLIP[4], SLIP[5], "x [m]", "y [m]", HEADING[INPUTS]];
     match layout {
         Layout::VelocityInput => &VELOCITY_INPUT,
         Layout::VelocitySlip => SLIP.split_at(INPUTS).0,
         Layout::VelocitySlipHistory => &SLIP,
         Layout::VelocitySlipHeading => &HEADING,
+        Layout::VelocitySlipPlace => &PLACE,
+    }
+}
+
+/// Index of what varies that is the heading, an angle.
+fn heading_index(layout: Layout) -> Option<usize> {
+    match layout {
+        Layout::VelocitySlipHeading => Some(INPUTS),
+        Layout::VelocitySlipPlace => Some(INPUTS + 2),
+        _ => None,
     }
 }
 
 /// Value of the input `index`; the heading is an angle.
 fn value(layout: Layout, inputs: &Inputs, index: usize) -> f64 {
-    if layout == Layout::VelocitySlipHeading && index == INPUTS {
-        layout.moment(inputs).heading
-    } else {
-        inputs[index]
-    }
+    if heading_index(layout) == Some(index) { layout.moment(inputs).heading } else { inputs[index] }
 }
 
 /// The period with `inputs`, but with another value of the input `index`.
 fn with_value(layout: Layout, inputs: &Inputs, index: usize, value: f64) -> Moment {
-    if layout == Layout::VelocitySlipHeading && index == INPUTS {
+    if heading_index(layout) == Some(index) {
         return Moment { heading: value, ..layout.moment(inputs) };
     }
     let mut inputs = *inputs;
@@ -91,7 +99,7 @@ impl Slices {
     /// The slices through `model`, which is that of `snapshot`.
     pub fn new(snapshot: &ModelSnapshot, layout: Layout, model: &mut Candidate) -> Self {
         let data = data(snapshot);
-        let mut mean: Inputs = [0.0; INPUTS_WITH_HISTORY];
+        let mut mean: Inputs = [0.0; INPUTS_WITH_PLACE];
         for (inputs, _) in &data {
             for (mean, input) in mean.iter_mut().zip(inputs) {
                 *mean += input / data.len() as f64;
@@ -131,7 +139,7 @@ fn data(snapshot: &ModelSnapshot) -> Vec<(Inputs, [f64; AXES])> {
     snapshot
         .rows()
         .map(|row| {
-            let mut inputs: Inputs = [0.0; INPUTS_WITH_HISTORY];
+            let mut inputs: Inputs = [0.0; INPUTS_WITH_PLACE];
             let scales = head.input_mean.iter().zip(&head.input_scale);
             for ((input, normalised), (mean, scale)) in inputs.iter_mut().zip(row.input).zip(scales)
             {

@@ -57,6 +57,10 @@ pub struct StateRow {
     /// Fallback level of the period. Records of earlier versions have the alias.
     #[serde(alias = "rung", deserialize_with = "coded")]
     pub fallback_level: FallbackLevel,
+    /// Why the gate did not play the answer of the controller as it is, if it did not. A reason of
+    /// another version counts as none.
+    #[serde(default = "no_reason", deserialize_with = "known_reason")]
+    pub reason: Reason,
     /// Why the gate has stopped, if it has; records of versions below 5 do not tell.
     #[serde(default = "no_reason", deserialize_with = "coded")]
     pub stop: Reason,
@@ -172,6 +176,7 @@ impl Rows {
             stamp: (&state.stamp).into(),
             accepted_epoch: state.accepted_epoch,
             fallback_level: state.fallback_level(),
+            reason: state.reason(),
             stop: state.stop(),
             pose: state.pose,
             velocity: state.velocity,
@@ -310,6 +315,12 @@ impl Rows {
 
 pub(crate) fn no_reason() -> Reason {
     Reason::None
+}
+
+/// A reason, recorded as its word; none if the word is not known.
+pub(crate) fn known_reason<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Reason, D::Error> {
+    let word = String::deserialize(deserializer)?;
+    Ok(Reason::of_word(&word).unwrap_or(Reason::None))
 }
 
 /// A coded field, recorded as its word.

@@ -22,6 +22,9 @@ use std::path::{Path, PathBuf};
 /// Distance from the reference within which the robot has arrived \[m\].
 pub const ARRIVAL_BAND_M: f64 = 0.10;
 
+/// Further distances, with their names in the summary \[m\].
+const ARRIVAL_BANDS: [(&str, f64); 3] = [("0.02", 0.02), ("0.05", 0.05), ("0.10", ARRIVAL_BAND_M)];
+
 /// Difference from the reference speed within which the speed has settled \[m/s\].
 pub const SPEED_BAND_MPS: f64 = 0.07;
 
@@ -40,6 +43,8 @@ pub struct Summary {
     /// First time after which the distance from the reference stays within [`ARRIVAL_BAND_M`] to
     /// the end \[s\].
     pub arrival_s: Option<f64>,
+    /// The same for several distances, by distance \[m\].
+    pub arrival_by_band_s: BTreeMap<&'static str, Option<f64>>,
     /// First time after which the speed stays within [`SPEED_BAND_MPS`] of the reference speed to
     /// the end \[s\].
     pub speed_settle_s: Option<f64>,
@@ -63,7 +68,10 @@ pub struct Summary {
     pub periods: u64,
     /// Those in which no answer of a controller reached the wheels in time.
     pub periods_missed: u64,
-    /// Those periods by fallback level, as the plant reports.
+    /// Periods in which the gate slowed the robot: for an obstacle, a zone, or lists that are too
+    /// old.
+    pub periods_slowed: u64,
+    /// Periods by fallback level, as the plant reports.
     pub fallback_levels: FallbackLevels,
     /// When and why the gate stopped the robot, and when a person let it drive again.
     pub stops: Vec<StopFigure>,
@@ -145,8 +153,10 @@ impl Summary {
         let window = Window::of(&deviations);
         let ticks = tick_times(rows, last);
         let fallback_levels = fallback_levels(rows, last);
+        let arrived = |band| settled_at(&deviations, |deviation| deviation.position, band);
         Self {
-            arrival_s: settled_at(&deviations, |deviation| deviation.position, ARRIVAL_BAND_M),
+            arrival_s: arrived(ARRIVAL_BAND_M),
+            arrival_by_band_s: ARRIVAL_BANDS.map(|(name, band)| (name, arrived(band))).into(),
             speed_settle_s: settled_at(&deviations, |deviation| deviation.speed, SPEED_BAND_MPS),
             steady_speed_error_mps: largest(
                 window.last(STEADY_NANOS).map(|deviation| deviation.speed),
@@ -169,6 +179,8 @@ impl Summary {
                 .filter(|(fallback_level, _)| is_missed(**fallback_level))
                 .map(|(_, periods)| periods)
                 .sum(),
+            periods_slowed: states(rows, last).iter().filter(|row| row.reason.is_slowed()).count()
+                as u64,
             fallback_levels,
             stops: stops(rows, last, period_nanos),
             world_stalled_s: stalled(rows),

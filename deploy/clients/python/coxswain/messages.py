@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from .encoding import REAL, U32, U64, numbers, one_of, record, sequence, several, text, varint
 
-VERSION = 9
+VERSION = 10
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,9 @@ use model::AXES;
 use model::gp::hyperparameters::Hyperparameters;
 use model::gp::normalisation::Normalisation;
 use model::gp::posterior::{Posterior, VarianceScratch};
-use model::learned::{INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, Learned};
+use model::learned::{
+    INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, INPUTS_WITH_PLACE, Learned,
+};
 use protocol::message::{ModelSnapshot, SnapshotHead};
 use std::ops::RangeInclusive;
 
@@ -93,6 +95,7 @@ pub fn prepare(snapshot: &ModelSnapshot, expected: &Expected) -> Result<Candidat
     match expected.layout.dimension() {
         INPUTS_WITH_HEADING => refactored::<INPUTS_WITH_HEADING>(snapshot, expected),
         INPUTS_WITH_HISTORY => refactored::<INPUTS_WITH_HISTORY>(snapshot, expected),
+        INPUTS_WITH_PLACE => refactored::<INPUTS_WITH_PLACE>(snapshot, expected),
         _ => refactored::<INPUTS>(snapshot, expected),
     }
 }
@@ -111,6 +114,7 @@ fn refactored<const D: usize>(
             head.noise_variance[axis],
         )
         .with_linear(head.linear_variance[axis])
+        .with_place(head.place_variance[axis])
     });
     let count = snapshot.rows().len();
     let (mut inputs, mut targets, mut noise_scale) =
@@ -161,12 +165,13 @@ fn normalisation<const D: usize>(head: &SnapshotHead) -> Option<Normalisation<D>
 /// Checks every number of a snapshot, used or not.
 fn check_finite(snapshot: &ModelSnapshot) -> Result<(), Refusal> {
     let head = &snapshot.head;
-    let of_head: [(&'static str, &[f64]); 11] = [
+    let of_head: [(&'static str, &[f64]); 12] = [
         ("input_mean", &head.input_mean),
         ("input_scale", &head.input_scale),
         ("length_scale", head.length_scale.as_flattened()),
         ("signal_variance", &head.signal_variance),
         ("linear_variance", &head.linear_variance),
+        ("place_variance", &head.place_variance),
         ("noise_variance", &head.noise_variance),
         ("sample_variance", &head.sample_variance),
         ("log_likelihood", &head.log_likelihood),
@@ -214,6 +219,8 @@ fn check_hyperparameters(head: &SnapshotHead, expected: &Expected) -> Result<(),
         within(axis, "signal_variance", head.signal_variance[axis], (least, most))?;
         within(axis, "noise_variance", head.noise_variance[axis], (least, most))?;
         within(axis, "linear_variance", head.linear_variance[axis], (0.0, most))?;
+        let place = if expected.layout.has_place() { (least, most) } else { (0.0, 0.0) };
+        within(axis, "place_variance", head.place_variance[axis], place)?;
         within(axis, "sample_variance", head.sample_variance[axis], (0.0, most))?;
     }
     Ok(())

@@ -2,10 +2,11 @@
 //!
 //! | here           | in the equations       | size                  |
 //! |----------------|------------------------|-----------------------|
-//! | `ScaledInputs` | xᵢ / ℓ                 | D arrays of `n`       |
-//! | `local`        | σ² exp(…)              | `n` × `n`, lower half |
-//! | `gram`         | 1 + X Xᵀ               | `n` × `n`, lower half |
-//! | `covariance`   | K = local + λ² gram    | `n` × `n`, lower half |
+//! | `scaled`       | xᵢ / ℓ                 | D arrays of `n`       |
+//! | `local`        | S = σ² exp(…)          | `n` × `n`, lower half |
+//! | `place`        | P = π² exp(…)          | `n` × `n`, lower half |
+//! | `gram`         | G = 1 + X Xᵀ           | `n` × `n`, lower half |
+//! | `sum`          | K = S + λ² G + P       | `n` × `n`, lower half |
 //! | `noise_scale`  | s: noise of a sample over σₙ² | `n`                  |
 //! | `factor`       | L, L Lᵀ = K + σₙ² diag(s) + jitter I | `n` × `n`, lower half |
 
@@ -15,7 +16,7 @@ use faer::traits::pulp::Arch;
 use faer::{Mat, Par};
 
 use crate::gp::exponential::exponential;
-use crate::gp::kernel::one_plus_product;
+use crate::gp::kernel::{Kernel, one_plus_product};
 use crate::gp::vectorise::vectorise;
 
 /// Added to the diagonal when the plain covariance does not factorise, relative to its largest
@@ -24,90 +25,126 @@ const FIRST_JITTER: f64 = 1e-12;
 /// … then ten times more each time, up to this.
 const LARGEST_JITTER: f64 = 1e-4;
 
-/// Inputs in units of the length scales, one contiguous array per input.
+/// Covariance of samples, and the parts that it is the sum of.
 #[derive(Debug, Clone)]
-pub(crate) struct ScaledInputs<const D: usize> {
-    columns: [Vec<f64>; D],
+pub(crate) struct Covariance<const D: usize> {
+    /// Inputs in units of the length scales, one contiguous array per input.
+    scaled: [Vec<f64>; D],
+    local: Mat<f64>,
+    /// Empty until a kernel has a place part.
+    place: Mat<f64>,
+    gram: Mat<f64>,
+    /// Number of inputs that `gram` is of; it depends on no other property of the kernel.
+    gram_inputs: Option<usize>,
+    sum: Mat<f64>,
 }
 
-impl<const D: usize> ScaledInputs<D> {
-    /// All zero until [`scale`](Self::scale).
+impl<const D: usize> Covariance<D> {
+    /// Memory for this number of samples; all zero until [`fill`](Self::fill).
     pub(crate) fn new(samples: usize) -> Self {
-        Self { columns: std::array::from_fn(|_| vec![0.0; samples]) }
+        Self {
+            scaled: std::array::from_fn(|_| vec![0.0; samples]),
+            local: Mat::zeros(samples, samples),
+            place: Mat::new(),
+            gram: Mat::zeros(samples, samples),
+            gram_inputs: None,
+            sum: Mat::zeros(samples, samples),
+        }
     }
 
-    /// Copies `inputs`, as many as at construction. Does not allocate.
-    pub(crate) fn scale(&mut self, inputs: &[[f64; D]], length_scale: &[f64; D]) {
-        for (dimension, column) in self.columns.iter_mut().enumerate() {
-            let rate = 1.0 / length_scale[dimension];
+    /// Computes it for `inputs`, as many as at construction and the same in every call. O(n² D);
+    /// allocates at the first kernel with a place part only.
+    pub(crate) fn fill(&mut self, inputs: &[[f64; D]], kernel: &Kernel<D>) {
+        for (dimension, column) in self.scaled.iter_mut().enumerate() {
+            let rate = 1.0 / kernel.length_scale[dimension];
             for (scaled, input) in column.iter_mut().zip(inputs) {
                 *scaled = input[dimension] * rate;
             }
         }
-    }
-
-    /// One array per input.
-    pub(crate) fn columns(&self) -> &[Vec<f64>; D] {
-        &self.columns
-    }
-
-    /// Lower half of the squared-exponential part of K, the diagonal included. O(n² D); does not
-    /// allocate.
-    pub(crate) fn local_covariance(&self, variance: f64, local: &mut Mat<f64>) {
-        vectorise(
-            Arch::new(),
-            #[inline(always)]
-            || self.fill(variance, local),
-        );
-    }
-
-    #[expect(
-        clippy::inline_always,
-        reason = "must be inlined to use the vector features of its caller"
-    )]
-    #[inline(always)]
-    fn fill(&self, variance: f64, local: &mut Mat<f64>) {
-        for first in 0..local.ncols() {
-            let column = &mut local.col_as_slice_mut(first)[first..];
-            column.fill(0.0);
-            for scaled in &self.columns {
-                let here = scaled[first];
-                for (sum, there) in column.iter_mut().zip(&scaled[first..]) {
-                    let difference = there - here;
-                    *sum += difference * difference;
+        let split = kernel.local_inputs();
+        if self.gram_inputs != Some(split) {
+            self.gram_inputs = Some(split);
+            for column in 0..inputs.len() {
+                let own = &inputs[column][..split];
+                let below = &mut self.gram.col_as_slice_mut(column)[column..];
+                for (entry, other) in below.iter_mut().zip(&inputs[column..]) {
+                    *entry = one_plus_product(own, &other[..split]);
                 }
             }
-            for value in column.iter_mut() {
-                *value = variance * exponential(-0.5 * *value);
+        }
+        decay(&self.scaled[..split], kernel.variance, &mut self.local);
+        let has_place = kernel.place_variance != 0.0;
+        if has_place {
+            if self.place.ncols() != inputs.len() {
+                self.place = Mat::zeros(inputs.len(), inputs.len());
+            }
+            decay(&self.scaled[split..], kernel.place_variance, &mut self.place);
+        }
+        for column in 0..inputs.len() {
+            let below = &mut self.sum.col_as_slice_mut(column)[column..];
+            let local = &self.local.col_as_slice(column)[column..];
+            let gram = &self.gram.col_as_slice(column)[column..];
+            for ((sum, local), gram) in below.iter_mut().zip(local).zip(gram) {
+                *sum = local + kernel.linear_variance * gram;
+            }
+            if has_place {
+                let place = &self.place.col_as_slice(column)[column..];
+                for (sum, place) in below.iter_mut().zip(place) {
+                    *sum += place;
+                }
             }
         }
     }
-}
 
-/// Lower half of 1 + X Xᵀ, the diagonal included. It does not depend on any hyperparameter. O(n²
-/// D).
-pub(crate) fn gram<const D: usize>(inputs: &[[f64; D]]) -> Mat<f64> {
-    Mat::from_fn(inputs.len(), inputs.len(), |row, column| {
-        if row < column { 0.0 } else { one_plus_product(&inputs[row], &inputs[column]) }
-    })
-}
-
-/// K = local + λ² gram, lower halves. O(n²); does not allocate.
-pub(crate) fn add_linear(
-    local: &Mat<f64>,
-    linear_variance: f64,
-    gram: &Mat<f64>,
-    covariance: &mut Mat<f64>,
-) {
-    for column in 0..covariance.ncols() {
-        let (local, gram) =
-            (&local.col_as_slice(column)[column..], &gram.col_as_slice(column)[column..]);
-        for ((sum, local), gram) in
-            covariance.col_as_slice_mut(column)[column..].iter_mut().zip(local).zip(gram)
-        {
-            *sum = local + linear_variance * gram;
-        }
+    /// xᵢ / ℓ, one array per input.
+    pub(crate) fn scaled(&self) -> &[Vec<f64>; D] {
+        &self.scaled
     }
+
+    /// K, lower half.
+    pub(crate) fn sum(&self) -> &Mat<f64> {
+        &self.sum
+    }
+
+    /// S, lower half.
+    pub(crate) fn local(&self) -> &Mat<f64> {
+        &self.local
+    }
+
+    /// P, lower half; of the last kernel with a place part.
+    pub(crate) fn place(&self) -> &Mat<f64> {
+        &self.place
+    }
+
+    /// G, lower half.
+    pub(crate) fn gram(&self) -> &Mat<f64> {
+        &self.gram
+    }
+}
+
+/// Lower half of variance · exp(−½ ‖xᵢ − xⱼ‖²) over `scaled` inputs, the diagonal included. O(n²
+/// D); does not allocate.
+fn decay(scaled: &[Vec<f64>], variance: f64, result: &mut Mat<f64>) {
+    vectorise(
+        Arch::new(),
+        #[inline(always)]
+        || {
+            for first in 0..result.ncols() {
+                let column = &mut result.col_as_slice_mut(first)[first..];
+                column.fill(0.0);
+                for scaled in scaled {
+                    let here = scaled[first];
+                    for (sum, there) in column.iter_mut().zip(&scaled[first..]) {
+                        let difference = there - here;
+                        *sum += difference * difference;
+                    }
+                }
+                for value in column.iter_mut() {
+                    *value = variance * exponential(-0.5 * *value);
+                }
+            }
+        },
+    );
 }
 
 /// K + σₙ² diag(s) stayed indefinite under the largest jitter.
@@ -170,28 +207,28 @@ pub(crate) fn factorise(
 
 #[cfg(test)]
 mod tests {
-    use super::{NotPositiveDefinite, ScaledInputs, add_linear, factor_scratch, factorise, gram};
+    use super::{Covariance, NotPositiveDefinite, factor_scratch, factorise};
     use crate::gp::kernel::Kernel;
     use crate::gp::split_mix::SplitMix64;
     use faer::Mat;
     use faer::dyn_stack::MemBuffer;
 
-    const KERNEL: Kernel<3> =
-        Kernel { variance: 1.7, length_scale: [0.5, 1.0, 2.0], linear_variance: 0.3 };
+    const KERNEL: Kernel<6> = Kernel {
+        variance: 1.7,
+        length_scale: [0.5, 1.0, 2.0, 0.8, 1.5, 3.0],
+        linear_variance: 0.3,
+        place_variance: 0.0,
+    };
 
-    fn inputs(samples: usize) -> Vec<[f64; 3]> {
+    fn inputs(samples: usize) -> Vec<[f64; 6]> {
         let mut random = SplitMix64::new(1);
         (0..samples).map(|_| std::array::from_fn(|_| random.normal())).collect()
     }
 
-    fn covariance(inputs: &[[f64; 3]]) -> Mat<f64> {
-        let mut scaled = ScaledInputs::new(inputs.len());
-        scaled.scale(inputs, &KERNEL.length_scale);
-        let mut local = Mat::zeros(inputs.len(), inputs.len());
-        scaled.local_covariance(KERNEL.variance, &mut local);
-        let mut covariance = Mat::zeros(inputs.len(), inputs.len());
-        add_linear(&local, KERNEL.linear_variance, &gram(inputs), &mut covariance);
-        covariance
+    fn covariance(inputs: &[[f64; 6]]) -> Mat<f64> {
+        let mut covariance = Covariance::new(inputs.len());
+        covariance.fill(inputs, &KERNEL);
+        covariance.sum
     }
 
     #[test]
@@ -206,12 +243,16 @@ mod tests {
     }
 
     #[test]
-    fn entries_are_those_of_the_kernel() {
+    fn entries_are_those_of_each_kernel_in_turn() {
         let inputs = inputs(23);
-        let covariance = covariance(&inputs);
-        for (column, a) in inputs.iter().enumerate() {
-            for (row, b) in inputs.iter().enumerate().skip(column) {
-                assert!((covariance[(row, column)] - KERNEL.value(a, b)).abs() < 1e-14);
+        let mut covariance = Covariance::new(23);
+        let placed = Kernel { place_variance: 0.6, ..KERNEL };
+        for kernel in [KERNEL, placed, KERNEL] {
+            covariance.fill(&inputs, &kernel);
+            for (column, a) in inputs.iter().enumerate() {
+                for (row, b) in inputs.iter().enumerate().skip(column) {
+                    assert!((covariance.sum[(row, column)] - kernel.value(a, b)).abs() < 1e-13);
+                }
             }
         }
     }

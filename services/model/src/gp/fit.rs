@@ -40,6 +40,8 @@ pub struct Priors<const D: usize> {
     pub noise_variance: Option<LogNormal>,
     /// Of the linear variance λ²; of no effect without a linear part.
     pub linear_variance: Option<LogNormal>,
+    /// Of the place variance π²; of no effect without a place part.
+    pub place_variance: Option<LogNormal>,
 }
 
 impl<const D: usize> Priors<D> {
@@ -49,6 +51,7 @@ impl<const D: usize> Priors<D> {
         variance: None,
         noise_variance: None,
         linear_variance: None,
+        place_variance: None,
     };
 }
 
@@ -114,7 +117,8 @@ const CURVATURE_PER_SAMPLE: f64 = 0.1;
 /// Fits the hyperparameters of one output to samples, from the point of the bounds nearest to
 /// `start`.
 ///
-/// The kernel has a linear part, whose variance is fitted too, if and only if `start` has one.
+/// The kernel has a linear part and a place part, whose variances are fitted too, if and only if
+/// `start` has them.
 ///
 /// At most `max_evaluations` evaluations of O(n³). Their memory is allocated once.
 pub fn fit<const D: usize>(
@@ -182,6 +186,10 @@ impl<const D: usize> FitOptions<D> {
         if start.kernel.linear_variance != 0.0 && smallest == 0.0 {
             return Err(FitError::Bounds(HyperparametersError::LinearVariance { value: smallest }));
         }
+        let smallest = self.bounds.lower.kernel.place_variance;
+        if start.kernel.place_variance != 0.0 && smallest == 0.0 {
+            return Err(FitError::Bounds(HyperparametersError::PlaceVariance { value: smallest }));
+        }
         for &LogNormal { median, log_deviation } in
             self.priors.iter().flat_map(Priors::each).flatten()
         {
@@ -195,12 +203,12 @@ impl<const D: usize> FitOptions<D> {
 
     /// Log density of the priors (without its constant) and its derivatives.
     fn log_prior(&self, at: &LogHyperparameters<D>) -> (f64, LogHyperparameters<D>) {
-        let linear_variance = at.linear_variance.map(|_| 0.0);
         let mut slopes = LogHyperparameters {
             length_scale: [0.0; D],
             variance: 0.0,
             noise_variance: 0.0,
-            linear_variance,
+            linear_variance: at.linear_variance.map(|_| 0.0),
+            place_variance: at.place_variance.map(|_| 0.0),
         };
         let Some(priors) = &self.priors else { return (0.0, slopes) };
         let mut sum = 0.0;
@@ -219,15 +227,19 @@ impl<const D: usize> FitOptions<D> {
         if let (Some(at), Some(slope)) = (at.linear_variance, &mut slopes.linear_variance) {
             pull(&priors.linear_variance, at, slope);
         }
+        if let (Some(at), Some(slope)) = (at.place_variance, &mut slopes.place_variance) {
+            pull(&priors.place_variance, at, slope);
+        }
         (sum, slopes)
     }
 
-    /// The bounds, with a linear part if `start` has one.
+    /// The bounds, with a linear and a place part if `start` has them.
     fn search_box(&self, start: &LogHyperparameters<D>) -> SearchBox {
         let of_kind = |bound: &Hyperparameters<D>| {
             let log = bound.ln();
             vector(&LogHyperparameters {
                 linear_variance: log.linear_variance.filter(|_| start.linear_variance.is_some()),
+                place_variance: log.place_variance.filter(|_| start.place_variance.is_some()),
                 ..log
             })
         };
@@ -251,6 +263,7 @@ impl<const D: usize> Priors<D> {
             &self.variance,
             &self.noise_variance,
             &self.linear_variance,
+            &self.place_variance,
         ])
     }
 }

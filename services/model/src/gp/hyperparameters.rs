@@ -1,7 +1,7 @@
 //! The hyperparameters of one output, their logarithms (the variables of the optimiser), and their
 //! bounds.
 
-use crate::gp::kernel::Kernel;
+use crate::gp::kernel::{Kernel, PLACE_INPUTS};
 
 /// Parameters of one output that maximise the marginal likelihood.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +35,15 @@ pub enum HyperparametersError {
         /// Its value.
         value: f64,
     },
+    /// The place variance is neither zero nor a positive number.
+    #[error("the place variance is {value}; it must be zero or positive, and finite")]
+    PlaceVariance {
+        /// Its value.
+        value: f64,
+    },
+    /// A place part needs a linear part, and more inputs than those of the place.
+    #[error("a place part needs a linear part and more than {PLACE_INPUTS} inputs")]
+    PlaceAlone,
     /// The noise variance is not a positive number.
     #[error("the noise variance is {value}; it must be positive and finite")]
     NoiseVariance {
@@ -45,9 +54,13 @@ pub enum HyperparametersError {
 
 impl<const D: usize> Hyperparameters<D> {
     /// Length scales in input units, prior variance σ² and noise variance σₙ² in squared output
-    /// units; without a linear part.
+    /// units; without a linear and a place part.
     pub const fn new(length_scale: [f64; D], variance: f64, noise_variance: f64) -> Self {
-        Self { kernel: Kernel { variance, length_scale, linear_variance: 0.0 }, noise_variance }
+        let (linear_variance, place_variance) = (0.0, 0.0);
+        Self {
+            kernel: Kernel { variance, length_scale, linear_variance, place_variance },
+            noise_variance,
+        }
     }
 
     /// The same with a linear part of prior variance λ², in squared output units. Zero means no
@@ -58,7 +71,15 @@ impl<const D: usize> Hyperparameters<D> {
         self
     }
 
-    /// Rejects values that are not positive and finite; the linear variance may be zero.
+    /// The same with a place part of prior variance π², in squared output units. Zero means no
+    /// place part. It needs a linear part.
+    #[must_use]
+    pub const fn with_place(mut self, place_variance: f64) -> Self {
+        self.kernel.place_variance = place_variance;
+        self
+    }
+
+    /// Rejects values that are not positive and finite; linear and place variance may be zero.
     pub fn check(&self) -> Result<(), HyperparametersError> {
         let good = |value: f64| value.is_finite() && value > 0.0;
         for (dimension, &value) in self.kernel.length_scale.iter().enumerate() {
@@ -74,13 +95,20 @@ impl<const D: usize> Hyperparameters<D> {
                 value: self.kernel.linear_variance,
             });
         }
+        let place_variance = self.kernel.place_variance;
+        if !(good(place_variance) || place_variance == 0.0) {
+            return Err(HyperparametersError::PlaceVariance { value: place_variance });
+        }
+        if place_variance != 0.0 && (self.kernel.linear_variance == 0.0 || D <= PLACE_INPUTS) {
+            return Err(HyperparametersError::PlaceAlone);
+        }
         if !good(self.noise_variance) {
             return Err(HyperparametersError::NoiseVariance { value: self.noise_variance });
         }
         Ok(())
     }
 
-    /// Natural logarithm of each; a linear variance of zero has none.
+    /// Natural logarithm of each; a linear or place variance of zero has none.
     pub fn ln(&self) -> LogHyperparameters<D> {
         LogHyperparameters {
             length_scale: self.kernel.length_scale.map(f64::ln),
@@ -88,6 +116,8 @@ impl<const D: usize> Hyperparameters<D> {
             noise_variance: self.noise_variance.ln(),
             linear_variance: (self.kernel.linear_variance != 0.0)
                 .then(|| self.kernel.linear_variance.ln()),
+            place_variance: (self.kernel.place_variance != 0.0)
+                .then(|| self.kernel.place_variance.ln()),
         }
     }
 }
@@ -103,6 +133,8 @@ pub struct LogHyperparameters<const D: usize> {
     pub noise_variance: f64,
     /// Of ln λ²; `None` of a kernel without a linear part.
     pub linear_variance: Option<f64>,
+    /// Of ln π²; `None` of a kernel without a place part.
+    pub place_variance: Option<f64>,
 }
 
 impl<const D: usize> LogHyperparameters<D> {
@@ -114,28 +146,33 @@ impl<const D: usize> LogHyperparameters<D> {
             self.noise_variance.exp(),
         )
         .with_linear(self.linear_variance.map_or(0.0, f64::exp))
+        .with_place(self.place_variance.map_or(0.0, f64::exp))
     }
 
-    /// In the optimiser's order: length scales, variance, noise variance, and the linear variance
-    /// if there is a linear part.
+    /// In the optimiser's order: length scales, variance, noise variance, the linear variance if
+    /// there is a linear part, and the place variance if there is a place part.
     pub fn iter(&self) -> impl Iterator<Item = f64> + '_ {
         self.length_scale
             .iter()
             .copied()
             .chain([self.variance, self.noise_variance])
             .chain(self.linear_variance)
+            .chain(self.place_variance)
     }
 
-    /// From the optimiser's order; `None` unless there are D + 2, or D + 3 with a linear part.
+    /// From the optimiser's order; `None` unless there are D + 2, D + 3 with a linear part, or
+    /// D + 4 with a place part too.
     pub fn from_slice(values: &[f64]) -> Option<Self> {
         let (length_scale, rest) = values.split_first_chunk::<D>()?;
         let (&[variance, noise_variance], rest) = rest.split_first_chunk()?;
-        let linear_variance = match rest {
-            [] => None,
-            &[linear_variance] => Some(linear_variance),
+        let (linear_variance, place_variance) = match *rest {
+            [] => (None, None),
+            [linear_variance] => (Some(linear_variance), None),
+            [linear_variance, place_variance] => (Some(linear_variance), Some(place_variance)),
             _ => return None,
         };
-        Some(Self { length_scale: *length_scale, variance, noise_variance, linear_variance })
+        let length_scale = *length_scale;
+        Some(Self { length_scale, variance, noise_variance, linear_variance, place_variance })
     }
 }
 
@@ -159,7 +196,8 @@ impl<const D: usize> Default for Bounds<D> {
 }
 
 impl<const D: usize> Bounds<D> {
-    /// The nearest logarithms within the box. A kernel without a linear part stays without one.
+    /// The nearest logarithms within the box. A kernel without a linear or place part stays without
+    /// it.
     pub fn clamp(&self, log: &LogHyperparameters<D>) -> LogHyperparameters<D> {
         let (lower, upper) = (self.lower.ln(), self.upper.ln());
         LogHyperparameters {
@@ -168,12 +206,20 @@ impl<const D: usize> Bounds<D> {
             }),
             variance: log.variance.max(lower.variance).min(upper.variance),
             noise_variance: log.noise_variance.max(lower.noise_variance).min(upper.noise_variance),
-            linear_variance: log.linear_variance.map(|value| {
-                let value = lower.linear_variance.map_or(value, |lower| value.max(lower));
-                upper.linear_variance.map_or(value, |upper| value.min(upper))
-            }),
+            linear_variance: log
+                .linear_variance
+                .map(|value| clamp(value, lower.linear_variance, upper.linear_variance)),
+            place_variance: log
+                .place_variance
+                .map(|value| clamp(value, lower.place_variance, upper.place_variance)),
         }
     }
+}
+
+/// The nearest value within the bounds that exist.
+fn clamp(value: f64, lower: Option<f64>, upper: Option<f64>) -> f64 {
+    let value = lower.map_or(value, |lower| value.max(lower));
+    upper.map_or(value, |upper| value.min(upper))
 }
 
 #[cfg(test)]
@@ -183,7 +229,8 @@ mod tests {
     #[test]
     fn logarithms_convert_back_in_the_order_of_the_optimiser() {
         let plain = Hyperparameters::new([1.0, 2.0, 3.0], 4.0, 5.0);
-        for (here, count) in [(plain, 5), (plain.with_linear(6.0), 6)] {
+        let linear = plain.with_linear(6.0);
+        for (here, count) in [(plain, 5), (linear, 6), (linear.with_place(7.0), 7)] {
             let there: Vec<f64> = here.ln().iter().collect();
             assert_eq!(there.len(), count);
             let back = LogHyperparameters::<3>::from_slice(&there).map(|log| log.exp());
@@ -192,7 +239,7 @@ mod tests {
             }));
             assert_eq!(LogHyperparameters::<4>::from_slice(&there).is_none(), count == 5);
         }
-        assert_eq!(LogHyperparameters::<2>::from_slice(&[0.0; 6]), None);
+        assert_eq!(LogHyperparameters::<2>::from_slice(&[0.0; 7]), None);
     }
 
     #[test]
@@ -212,7 +259,18 @@ mod tests {
             ));
             let linear = Hyperparameters::new([1.0], 1.0, 1.0).with_linear(bad).check();
             assert_eq!(linear.is_ok(), bad == 0.0, "a kernel without a linear part is one");
+            let place = Hyperparameters::new([1.0; 5], 1.0, 1.0).with_linear(1.0).with_place(bad);
+            assert_eq!(place.check().is_ok(), bad == 0.0, "a kernel without a place part is one");
         }
+    }
+
+    #[test]
+    fn a_place_part_needs_a_linear_part_and_other_inputs() {
+        let placed = Hyperparameters::new([1.0; 5], 1.0, 1.0).with_place(1.0);
+        assert_eq!(placed.check(), Err(HyperparametersError::PlaceAlone));
+        assert_eq!(placed.with_linear(1.0).check(), Ok(()));
+        let alone = Hyperparameters::new([1.0; 4], 1.0, 1.0).with_linear(1.0).with_place(1.0);
+        assert_eq!(alone.check(), Err(HyperparametersError::PlaceAlone));
     }
 
     #[test]

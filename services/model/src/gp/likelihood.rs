@@ -3,9 +3,7 @@
 //! | here             | in the equations                  | size      |
 //! |------------------|-----------------------------------|-----------|
 //! | `targets`        | y                                 | `n`       |
-//! | `local`          | S, the squared-exponential part of K | `n` × `n` |
-//! | `gram`           | G = 1 + X Xᵀ                      | `n` × `n` |
-//! | `covariance`     | K = S + λ² G                      | `n` × `n` |
+//! | `covariance`     | K = S + λ² G + P ([`covariance`](super::covariance)) | `n` × `n` |
 //! | `noise_scale`    | s: noise of a sample over σₙ²     | `n`       |
 //! | `factor`         | L, L Lᵀ = C = K + σₙ² diag(s)     | `n` × `n` |
 //! | `inverse`        | C⁻¹                               | `n` × `n` |
@@ -15,9 +13,9 @@
 //!
 //! ```text
 //! ∂/∂θ = −½ tr(W ∂C/∂θ)
-//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²
-//! ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² Σᵢ Wᵢᵢ sᵢ
-//! ∂/∂ ln λ² = −½ λ² Σᵢⱼ Wᵢⱼ Gᵢⱼ
+//! ∂/∂ ln ℓ_d = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ ((xᵢ_d − xⱼ_d) / ℓ_d)²,   with P in place of S for a place input
+//! ∂/∂ ln σ² = −½ Σᵢⱼ Wᵢⱼ Sᵢⱼ,   ∂/∂ ln π² = −½ Σᵢⱼ Wᵢⱼ Pᵢⱼ
+//! ∂/∂ ln λ² = −½ λ² Σᵢⱼ Wᵢⱼ Gᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² Σᵢ Wᵢᵢ sᵢ
 //! ```
 //!
 //! Only the lower halves are ever formed.
@@ -28,8 +26,9 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::traits::pulp::Arch;
 use faer::{Mat, MatMut, Par};
+use std::ops::Range;
 
-use crate::gp::covariance::{ScaledInputs, add_linear, factor_scratch, factorise, gram};
+use crate::gp::covariance::{Covariance, factor_scratch, factorise};
 use crate::gp::data::{self, DataError};
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError, LogHyperparameters};
 use crate::gp::kernel::Kernel;
@@ -44,15 +43,14 @@ pub struct Likelihood<'a, const D: usize> {
     inputs: &'a [[f64; D]],
     targets: &'a [f64],
     noise_scale: Vec<f64>,
-    scaled: ScaledInputs<D>,
-    local: Mat<f64>,
-    gram: Mat<f64>,
-    covariance: Mat<f64>,
+    covariance: Covariance<D>,
     factor: Mat<f64>,
     inverse: Mat<f64>,
     weights: Vec<f64>,
-    /// One column of W, then of W ∘ S.
+    /// One column of W.
     slopes: Vec<f64>,
+    /// The same, times a part of K.
+    products: Vec<f64>,
     memory: MemBuffer,
 }
 
@@ -92,7 +90,7 @@ pub enum LikelihoodError {
 
 impl<'a, const D: usize> Likelihood<'a, D> {
     /// Checks the samples and allocates the memory: five `n` × `n` matrices and faer's scratch, of
-    /// the same size.
+    /// the same size. A place part needs one more.
     pub fn new(inputs: &'a [[f64; D]], targets: &'a [f64]) -> Result<Self, LikelihoodError> {
         data::check(inputs, targets.as_chunks::<1>().0)?;
         let samples = inputs.len();
@@ -105,14 +103,12 @@ impl<'a, const D: usize> Likelihood<'a, D> {
             inputs,
             targets,
             noise_scale: vec![1.0; samples],
-            scaled: ScaledInputs::new(samples),
-            local: Mat::zeros(samples, samples),
-            gram: gram(inputs),
-            covariance: Mat::zeros(samples, samples),
+            covariance: Covariance::new(samples),
             factor: Mat::zeros(samples, samples),
             inverse: Mat::zeros(samples, samples),
             weights: vec![0.0; samples],
             slopes: vec![0.0; samples],
+            products: vec![0.0; samples],
             memory: MemBuffer::new(scratch),
         })
     }
@@ -137,11 +133,9 @@ impl<'a, const D: usize> Likelihood<'a, D> {
         hyperparameters.check()?;
         let samples = self.inputs.len();
         let Hyperparameters { kernel, noise_variance } = *hyperparameters;
-        self.scaled.scale(self.inputs, &kernel.length_scale);
-        self.scaled.local_covariance(kernel.variance, &mut self.local);
-        add_linear(&self.local, kernel.linear_variance, &self.gram, &mut self.covariance);
+        self.covariance.fill(self.inputs, &kernel);
         let jitter = factorise(
-            &self.covariance,
+            self.covariance.sum(),
             noise_variance,
             &self.noise_scale,
             &mut self.factor,
@@ -185,16 +179,19 @@ impl<'a, const D: usize> Likelihood<'a, D> {
     #[inline(always)]
     fn gradient(&mut self, kernel: &Kernel<D>, noise_variance: f64) -> LogHyperparameters<D> {
         let samples = self.weights.len();
+        let split = kernel.local_inputs();
+        let has_place = kernel.place_variance != 0.0;
         let mut distance_sums = [[0.0; LANES]; D];
-        let mut slope_sums = [0.0; LANES];
+        let (mut local_sums, mut place_sums) = ([0.0; LANES], [0.0; LANES]);
         let mut linear_sums = [0.0; LANES];
         let (mut trace, mut linear_trace, mut noise_trace) = (0.0, 0.0, 0.0);
+        let (scaled, gram) = (self.covariance.scaled(), self.covariance.gram());
         for first in 0..samples {
             let weight = self.weights[first];
             let diagonal = self.inverse[(first, first)] - weight * weight;
             trace += diagonal;
             noise_trace += diagonal * self.noise_scale[first];
-            linear_trace += diagonal * self.gram[(first, first)];
+            linear_trace += diagonal * gram[(first, first)];
 
             let below = first + 1;
             let slopes = &mut self.slopes[below..];
@@ -205,25 +202,35 @@ impl<'a, const D: usize> Likelihood<'a, D> {
                 *slope = inverse - weight * other;
             }
             if kernel.linear_variance != 0.0 {
-                add_products(&mut linear_sums, slopes, &self.gram.col_as_slice(first)[below..]);
+                add_products(&mut linear_sums, slopes, &gram.col_as_slice(first)[below..]);
             }
-            for (slope, local) in slopes.iter_mut().zip(&self.local.col_as_slice(first)[below..]) {
-                *slope *= local;
-            }
-
-            add(&mut slope_sums, slopes);
-            for (sums, column) in distance_sums.iter_mut().zip(self.scaled.columns()) {
-                add_squares(sums, slopes, &column[below..], column[first]);
+            let products = &mut self.products[below..];
+            let mut add_part = |part: &Mat<f64>, inputs: Range<usize>, sums: &mut [f64; LANES]| {
+                let part = &part.col_as_slice(first)[below..];
+                for ((product, slope), part) in products.iter_mut().zip(&*slopes).zip(part) {
+                    *product = slope * part;
+                }
+                add(sums, products);
+                for (sums, column) in distance_sums[inputs.clone()].iter_mut().zip(&scaled[inputs])
+                {
+                    add_squares(sums, products, &column[below..], column[first]);
+                }
+            };
+            add_part(self.covariance.local(), 0..split, &mut local_sums);
+            if has_place {
+                add_part(self.covariance.place(), split..D, &mut place_sums);
             }
         }
-        // Each pair below the diagonal counts twice, against the ½. On the diagonal S is σ² and the
-        // distance zero.
+        // Each pair below the diagonal counts twice, against the ½. On the diagonal S is σ², P is
+        // π², and the distance zero.
         let linear = || -kernel.linear_variance * (total(&linear_sums) + 0.5 * linear_trace);
         LogHyperparameters {
             length_scale: distance_sums.map(|sums| -total(&sums)),
-            variance: -total(&slope_sums) - 0.5 * kernel.variance * trace,
+            variance: -total(&local_sums) - 0.5 * kernel.variance * trace,
             noise_variance: -0.5 * noise_variance * noise_trace,
             linear_variance: (kernel.linear_variance != 0.0).then(linear),
+            place_variance: has_place
+                .then(|| -total(&place_sums) - 0.5 * kernel.place_variance * trace),
         }
     }
 }
@@ -298,15 +305,44 @@ mod tests {
     use crate::gp::split_mix::SplitMix64;
     use proptest::prelude::*;
 
-    fn samples(count: usize, seed: u64) -> (Vec<[f64; 2]>, Vec<f64>) {
+    fn samples<const D: usize>(count: usize, seed: u64) -> (Vec<[f64; D]>, Vec<f64>) {
         let mut random = SplitMix64::new(seed);
-        let inputs: Vec<[f64; 2]> =
-            (0..count).map(|_| [random.normal(), random.normal()]).collect();
+        let inputs: Vec<[f64; D]> =
+            (0..count).map(|_| std::array::from_fn(|_| random.normal())).collect();
         let targets = inputs
             .iter()
             .map(|x| (2.0 * x[0]).sin() + 0.3 * x[1] + 0.1 * random.normal())
             .collect();
         (inputs, targets)
+    }
+
+    /// Compares the gradient at `log` with finite differences.
+    fn compare_gradient<const D: usize>(
+        count: usize,
+        seed: u64,
+        log: &[f64],
+    ) -> Result<(), TestCaseError> {
+        let (inputs, targets) = samples::<D>(count, seed);
+        let noise_scale: Vec<f64> = (0..count).map(|i| 1.0 + (i % 5) as f64).collect();
+        let mut likelihood =
+            Likelihood::new(&inputs, &targets).unwrap().with_noise_scale(&noise_scale).unwrap();
+        let mut at = |log: &[f64]| {
+            likelihood.evaluate(&LogHyperparameters::from_slice(log).unwrap().exp()).unwrap()
+        };
+        let gradient: Vec<f64> = at(log).gradient.iter().collect();
+        prop_assert_eq!(gradient.len(), log.len());
+        for i in 0..log.len() {
+            let (mut above, mut below) = (log.to_vec(), log.to_vec());
+            above[i] += 1e-5;
+            below[i] -= 1e-5;
+            let difference = (at(&above).log_likelihood - at(&below).log_likelihood) / 2e-5;
+            prop_assert!(
+                (gradient[i] - difference).abs() < 1e-5 * (1.0 + difference.abs()),
+                "{i}: {} {difference}",
+                gradient[i]
+            );
+        }
+        Ok(())
     }
 
     proptest! {
@@ -316,28 +352,16 @@ mod tests {
             seed in any::<u64>(),
             log in prop::collection::vec(-1.5..1.5, 4..=5),
         ) {
-            let (inputs, targets) = samples(count, seed);
-            let noise_scale: Vec<f64> = (0..count).map(|i| 1.0 + (i % 5) as f64).collect();
-            let mut likelihood = Likelihood::new(&inputs, &targets)
-                .unwrap()
-                .with_noise_scale(&noise_scale)
-                .unwrap();
-            let mut at = |log: &[f64]| {
-                likelihood.evaluate(&LogHyperparameters::from_slice(log).unwrap().exp()).unwrap()
-            };
-            let gradient: Vec<f64> = at(&log).gradient.iter().collect();
-            prop_assert_eq!(gradient.len(), log.len());
-            for i in 0..log.len() {
-                let (mut above, mut below) = (log.clone(), log.clone());
-                above[i] += 1e-5;
-                below[i] -= 1e-5;
-                let difference = (at(&above).log_likelihood - at(&below).log_likelihood) / 2e-5;
-                prop_assert!(
-                    (gradient[i] - difference).abs() < 1e-5 * (1.0 + difference.abs()),
-                    "{i}: {} {difference}",
-                    gradient[i]
-                );
-            }
+            compare_gradient::<2>(count, seed, &log)?;
+        }
+
+        #[test]
+        fn gradient_with_a_place_part_matches_finite_differences(
+            count in 1_usize..40,
+            seed in any::<u64>(),
+            log in prop::collection::vec(-1.5..1.5, 10),
+        ) {
+            compare_gradient::<6>(count, seed, &log)?;
         }
     }
 
@@ -351,7 +375,7 @@ mod tests {
 
     #[test]
     fn duplicate_inputs_get_a_jitter_that_is_reported() {
-        let (mut inputs, targets) = samples(20, 3);
+        let (mut inputs, targets) = samples::<2>(20, 3);
         inputs[5] = inputs[11];
         let mut likelihood = Likelihood::new(&inputs, &targets).unwrap();
         let evaluation =

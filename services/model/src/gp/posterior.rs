@@ -12,11 +12,11 @@
 //! ```
 //!
 //! The linear part of the kernel adds a plane to the mean, which is computed once. s is the
-//! squared-exponential part of k:
+//! squared-exponential part of k, p its place part, if there is one:
 //!
 //! ```text
-//! mean = Σᵢ αᵢ sᵢ + w·x + b,   w = λ² Σᵢ αᵢ Xᵢ,   b = λ² Σᵢ αᵢ
-//! ∂mean/∂x_d = −Σᵢ αᵢ sᵢ (x_d − Xᵢ_d) / ℓ_d² + w_d
+//! mean = Σᵢ αᵢ (sᵢ + pᵢ) + w·x + b,   w = λ² Σᵢ αᵢ Xᵢ,   b = λ² Σᵢ αᵢ
+//! ∂mean/∂x_d = −Σᵢ αᵢ sᵢ (x_d − Xᵢ_d) / ℓ_d² + w_d,   with pᵢ in place of sᵢ for a place input
 //! ```
 //!
 //! The variance is that of the function; an observation has σₙ² more. Samples are stored in blocks
@@ -49,8 +49,9 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::traits::pulp::Arch;
 use faer::{Mat, MatMut, Par};
+use std::ops::Range;
 
-use crate::gp::covariance::{ScaledInputs, add_linear, factor_scratch, factorise, gram};
+use crate::gp::covariance::{Covariance, factor_scratch, factorise};
 use crate::gp::data::{self, DataError};
 use crate::gp::exponential::exponential;
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError};
@@ -137,6 +138,8 @@ struct Block<const D: usize> {
     inputs: [[f64; LANES]; D],
     /// σ² α
     weights: [f64; LANES],
+    /// π² α
+    place_weights: [f64; LANES],
 }
 
 impl<const D: usize> Posterior<D> {
@@ -161,7 +164,7 @@ impl<const D: usize> Posterior<D> {
         data::check_noise_scale(inputs.len(), noise_scale)?;
         let mut posterior = Self::prior_only(hyperparameters)?;
         posterior.samples = inputs.len();
-        let mut work = Work::new(inputs);
+        let mut work = Work::new(inputs.len());
         for (output, state) in posterior.outputs.iter_mut().enumerate() {
             work.weights.clear();
             work.weights.extend(targets.iter().map(|target| target[output]));
@@ -275,10 +278,7 @@ impl VarianceScratch {
 
 /// Memory of the factorisation, shared by the outputs.
 struct Work<const D: usize> {
-    scaled: ScaledInputs<D>,
-    local: Mat<f64>,
-    gram: Mat<f64>,
-    covariance: Mat<f64>,
+    covariance: Covariance<D>,
     factor: Mat<f64>,
     /// Targets, then weights.
     weights: Vec<f64>,
@@ -286,13 +286,9 @@ struct Work<const D: usize> {
 }
 
 impl<const D: usize> Work<D> {
-    fn new(inputs: &[[f64; D]]) -> Self {
-        let samples = inputs.len();
+    fn new(samples: usize) -> Self {
         Self {
-            scaled: ScaledInputs::new(samples),
-            local: Mat::zeros(samples, samples),
-            gram: gram(inputs),
-            covariance: Mat::zeros(samples, samples),
+            covariance: Covariance::new(samples),
             factor: Mat::zeros(samples, samples),
             weights: Vec::with_capacity(samples),
             memory: MemBuffer::new(factor_scratch(samples)),
@@ -324,11 +320,9 @@ impl<const D: usize> Output<D> {
         work: &mut Work<D>,
     ) -> Option<()> {
         let Hyperparameters { kernel, noise_variance } = self.hyperparameters;
-        work.scaled.scale(inputs, &kernel.length_scale);
-        work.scaled.local_covariance(kernel.variance, &mut work.local);
-        add_linear(&work.local, kernel.linear_variance, &work.gram, &mut work.covariance);
+        work.covariance.fill(inputs, &kernel);
         self.jitter = factorise(
-            &work.covariance,
+            work.covariance.sum(),
             noise_variance,
             noise_scale,
             &mut work.factor,
@@ -345,8 +339,13 @@ impl<const D: usize> Output<D> {
         let total = |share: &dyn Fn(usize) -> f64| {
             kernel.linear_variance * (0..inputs.len()).map(share).sum::<f64>()
         };
+        let split = kernel.local_inputs();
         self.slope = std::array::from_fn(|input| {
-            total(&|sample| self.weights[sample] * inputs[sample][input])
+            if input < split {
+                total(&|sample| self.weights[sample] * inputs[sample][input])
+            } else {
+                0.0
+            }
         });
         self.offset = total(&|sample| self.weights[sample]);
         self.factor = Vec::with_capacity(inputs.len() * (inputs.len() + 1) / 2);
@@ -356,13 +355,18 @@ impl<const D: usize> Output<D> {
             self.factor.extend_from_slice(&entries[1..]);
         }
         self.blocks = vec![
-            Block { inputs: [[0.0; LANES]; D], weights: [0.0; LANES] };
+            Block {
+                inputs: [[0.0; LANES]; D],
+                weights: [0.0; LANES],
+                place_weights: [0.0; LANES]
+            };
             inputs.len().div_ceil(LANES)
         ];
         for (sample, weight) in self.weights.iter().enumerate() {
             let block = &mut self.blocks[sample / LANES];
             block.weights[sample % LANES] = kernel.variance * weight;
-            for (lanes, column) in block.inputs.iter_mut().zip(work.scaled.columns()) {
+            block.place_weights[sample % LANES] = kernel.place_variance * weight;
+            for (lanes, column) in block.inputs.iter_mut().zip(work.covariance.scaled()) {
                 lanes[sample % LANES] = column[sample];
             }
         }
@@ -395,12 +399,12 @@ impl<const D: usize> Output<D> {
     #[inline(always)]
     fn mean(&self, x: &[f64; D]) -> f64 {
         let plane = self.plane(x);
-        let x = self.scaled(x);
+        let (split, x) = (self.hyperparameters.kernel.local_inputs(), self.scaled(x));
         let mut mean = [0.0; LANES];
         for block in &self.blocks {
-            let shares = block.shares(&x, &block.weights);
-            for (sum, share) in mean.iter_mut().zip(&shares) {
-                *sum += share;
+            add(&mut mean, &block.shares(&x, 0..split, &block.weights));
+            if split < D {
+                add(&mut mean, &block.shares(&x, split..D, &block.place_weights));
             }
         }
         mean.iter().sum::<f64>() + plane
@@ -413,18 +417,17 @@ impl<const D: usize> Output<D> {
     #[inline(always)]
     fn mean_and_gradient(&self, x: &[f64; D]) -> (f64, [f64; D]) {
         let plane = self.plane(x);
-        let x = self.scaled(x);
+        let (split, x) = (self.hyperparameters.kernel.local_inputs(), self.scaled(x));
         let mut mean = [0.0; LANES];
         let mut gradient = [[0.0; LANES]; D];
         for block in &self.blocks {
-            let shares = block.shares(&x, &block.weights);
-            for (sum, share) in mean.iter_mut().zip(&shares) {
-                *sum += share;
-            }
-            for ((sums, inputs), x) in gradient.iter_mut().zip(&block.inputs).zip(&x) {
-                for ((sum, share), input) in sums.iter_mut().zip(&shares).zip(inputs) {
-                    *sum += share * (input - x);
-                }
+            let shares = block.shares(&x, 0..split, &block.weights);
+            add(&mut mean, &shares);
+            block.add_slopes(&x, 0..split, &shares, &mut gradient);
+            if split < D {
+                let shares = block.shares(&x, split..D, &block.place_weights);
+                add(&mut mean, &shares);
+                block.add_slopes(&x, split..D, &shares, &mut gradient);
             }
         }
         let slope =
@@ -443,13 +446,17 @@ impl<const D: usize> Output<D> {
         let scaled = self.scaled(x);
         // Xᵢ·x = (Xᵢ/ℓ)·(ℓ x)
         let stretched: [f64; D] = std::array::from_fn(|i| x[i] * kernel.length_scale[i]);
+        let split = kernel.local_inputs();
         for (lanes, block) in column.as_chunks_mut::<LANES>().0.iter_mut().zip(&self.blocks) {
-            *lanes = block.shares(&scaled, &[kernel.variance; LANES]);
+            *lanes = block.shares(&scaled, 0..split, &[kernel.variance; LANES]);
             if kernel.linear_variance != 0.0 {
-                let products = block.one_plus_products(&stretched);
+                let products = block.one_plus_products(&stretched[..split]);
                 for (share, product) in lanes.iter_mut().zip(&products) {
                     *share += kernel.linear_variance * product;
                 }
+            }
+            if split < D {
+                add(lanes, &block.shares(&scaled, split..D, &[kernel.place_variance; LANES]));
             }
         }
         // L⁻¹k by columns: once an entry is known, its contribution is subtracted from all below.
@@ -476,7 +483,7 @@ impl<const D: usize> Block<D> {
         reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
-    fn one_plus_products(&self, x: &[f64; D]) -> [f64; LANES] {
+    fn one_plus_products(&self, x: &[f64]) -> [f64; LANES] {
         let mut products = [1.0; LANES];
         for (inputs, x) in self.inputs.iter().zip(x) {
             for (sum, input) in products.iter_mut().zip(inputs) {
@@ -486,15 +493,15 @@ impl<const D: usize> Block<D> {
         products
     }
 
-    /// weight · exp(−½ ‖x − X‖²) of each sample, everything in length scales.
+    /// weight · exp(−½ ‖x − X‖²) of each sample over some inputs, everything in length scales.
     #[expect(
         clippy::inline_always,
         reason = "must be inlined to use the vector features of its caller"
     )]
     #[inline(always)]
-    fn shares(&self, x: &[f64; D], weights: &[f64; LANES]) -> [f64; LANES] {
+    fn shares(&self, x: &[f64; D], over: Range<usize>, weights: &[f64; LANES]) -> [f64; LANES] {
         let mut shares = [0.0; LANES];
-        for (inputs, x) in self.inputs.iter().zip(x) {
+        for (inputs, x) in self.inputs[over.clone()].iter().zip(&x[over]) {
             for (sum, input) in shares.iter_mut().zip(inputs) {
                 let difference = input - x;
                 *sum += difference * difference;
@@ -504,6 +511,40 @@ impl<const D: usize> Block<D> {
             *share = weight * exponential(-0.5 * *share);
         }
         shares
+    }
+
+    /// gradient −= share · (x − X) of each sample over some inputs, everything in length scales.
+    #[expect(
+        clippy::inline_always,
+        reason = "must be inlined to use the vector features of its caller"
+    )]
+    #[inline(always)]
+    fn add_slopes(
+        &self,
+        x: &[f64; D],
+        over: Range<usize>,
+        shares: &[f64; LANES],
+        gradient: &mut [[f64; LANES]; D],
+    ) {
+        for input in over {
+            for ((sum, share), own) in
+                gradient[input].iter_mut().zip(shares).zip(&self.inputs[input])
+            {
+                *sum += share * (own - x[input]);
+            }
+        }
+    }
+}
+
+/// sums += shares
+#[expect(
+    clippy::inline_always,
+    reason = "must be inlined to use the vector features of its caller"
+)]
+#[inline(always)]
+fn add(sums: &mut [f64; LANES], shares: &[f64; LANES]) {
+    for (sum, share) in sums.iter_mut().zip(shares) {
+        *sum += share;
     }
 }
 
@@ -520,17 +561,18 @@ mod tests {
     #[test]
     fn the_bits_do_not_depend_on_the_register_width() {
         let mut random = SplitMix64::new(11);
-        let inputs: Vec<[f64; 4]> =
+        let inputs: Vec<[f64; 6]> =
             (0..77).map(|_| std::array::from_fn(|_| random.normal())).collect();
         let targets: Vec<[f64; 3]> =
             inputs.iter().map(|_| std::array::from_fn(|_| random.normal())).collect();
-        let plain = Hyperparameters::new([1.0, 0.5, 2.0, 0.3], 1.7, 0.05);
-        let hyperparameters = [plain, plain.with_linear(0.2), plain.with_linear(10.0)];
+        let plain = Hyperparameters::new([1.0, 0.5, 2.0, 0.3, 1.0, 1.5], 1.7, 0.05);
+        let linear = plain.with_linear(0.2);
+        let hyperparameters = [plain, linear, linear.with_place(0.7)];
         let wide = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
         let narrow = Posterior { machine: Arch::Scalar, ..wide.clone() };
         let mut scratch = VarianceScratch::new(77);
         for _ in 0..50 {
-            let x: [f64; 4] = std::array::from_fn(|_| random.normal());
+            let x: [f64; 6] = std::array::from_fn(|_| random.normal());
             assert_eq!(wide.mean_and_gradient(&x), narrow.mean_and_gradient(&x));
             assert_eq!(wide.variance(&x, &mut scratch), narrow.variance(&x, &mut scratch));
         }

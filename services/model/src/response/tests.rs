@@ -125,7 +125,7 @@ fn the_response_at_standstill_stays_that_of_the_main_model() {
         assert!((found.decay - main.decay[axis]).abs() < 1e-9, "{found:?}");
         assert!((found.gain - main.gain[axis]).abs() < 1e-9, "{found:?}");
     }
-    let at = Moment { velocity: [1.0; 3], input: [1.0; 3], before: [1.0; 3], heading: 0.0 };
+    let at = Moment { velocity: [1.0; 3], input: [1.0; 3], before: [1.0; 3], ..Moment::default() };
     assert!(estimator.response().mean(&at).iter().all(|value| value.abs() < 1e-8));
 }
 
@@ -167,12 +167,7 @@ fn numbers_that_are_not_finite_are_ignored() {
 fn the_jacobians_are_the_slopes_of_the_mean() {
     let response = found_turning(0.0, as_believed(), 0.0, 500, 1.0).response();
     assert!(response.turns);
-    let at = Moment {
-        velocity: [0.3, -0.2, 0.5],
-        input: [0.1, 0.4, -0.6],
-        before: [0.0; 3],
-        heading: 0.0,
-    };
+    let at = Moment { velocity: [0.3, -0.2, 0.5], input: [0.1, 0.4, -0.6], ..Moment::default() };
     let said = response.response(&at);
     let slope = |change: &dyn Fn(&mut Moment, f64), row: usize| {
         let [up, down] = [1e-4, -1e-4].map(|by| {

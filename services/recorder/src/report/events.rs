@@ -1,6 +1,6 @@
 //! Gate, health and list of injected faults → events and their times.
 
-use super::heard::{GateWords, Health};
+use super::heard::{GateWords, Goal, Health};
 use process::requests::{Outcome, Settled};
 use protocol::message::FallbackLevel;
 use serde::Deserialize;
@@ -34,6 +34,8 @@ pub(super) struct Log {
     more: u64,
     fallback_level: Option<FallbackLevel>,
     refused: Option<u64>,
+    /// Number and phase of the last goal.
+    goal: Option<(u64, String)>,
     /// By participant: its process instance and its last counters.
     roles: BTreeMap<String, Role>,
     /// Changes of settings, by process and number.
@@ -64,7 +66,7 @@ impl Log {
     /// Drops the events of an earlier plant, but keeps the processes.
     pub(super) fn start_over(&mut self) {
         (self.events, self.more) = (Vec::new(), 0);
-        (self.fallback_level, self.refused, self.tick) = (None, None, 0);
+        (self.fallback_level, self.refused, self.goal, self.tick) = (None, None, None, 0);
     }
 
     /// Reads what the gate did in a period.
@@ -80,6 +82,23 @@ impl Log {
         let refused = self.refused.replace(words.refused);
         if refused.is_some_and(|before| words.refused > before) {
             self.note(words.tick, format!("the gate rejected a command{reason}"));
+        }
+        if words.is_slowed {
+            self.note(words.tick, format!("the gate slowed the robot{reason}"));
+        }
+    }
+
+    /// Reads how far a goal is.
+    pub(super) fn hear_goal(&mut self, goal: &Goal) {
+        let now = (goal.id, goal.phase.clone());
+        if self.goal.as_ref() != Some(&now) {
+            let [x, y, yaw] = goal.target;
+            let what = format!(
+                "goal {} ({} to {x:.2} m, {y:.2} m, {yaw:.2} rad): {}",
+                goal.id, goal.kind, goal.phase
+            );
+            self.note(goal.stamp.tick, what);
+            self.goal = Some(now);
         }
     }
 
@@ -169,9 +188,17 @@ impl Log {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rows::Mark;
 
     fn gate(tick: u64, fallback_level: FallbackLevel, refused: u64) -> GateWords {
-        GateWords { epoch: 1, tick, fallback_level, reason: "too old".into(), refused }
+        GateWords {
+            epoch: 1,
+            tick,
+            fallback_level,
+            reason: "too old".into(),
+            is_slowed: false,
+            refused,
+        }
     }
 
     #[test]
@@ -185,6 +212,37 @@ mod tests {
         assert_eq!((events.len(), more), (2, 0), "{events:?}");
         assert_eq!((events[0].tick, events[0].until, events[0].count), (1, 99, 99));
         assert_eq!((events[1].tick, events[1].count), (300, 1));
+    }
+
+    #[test]
+    fn a_stretch_in_which_the_gate_slows_the_robot_is_one_event() {
+        let mut log = Log::default();
+        for tick in 0..200 {
+            let is_slowed = (40..90).contains(&tick) || (150..160).contains(&tick);
+            log.hear_gate(&GateWords { is_slowed, ..gate(tick, FallbackLevel::FreshPlan, 0) });
+        }
+        let (events, _) = log.finish();
+        let stretches: Vec<_> = events.iter().map(|event| (event.tick, event.until)).collect();
+        assert_eq!(stretches, [(40, 89), (150, 159)], "{events:?}");
+    }
+
+    #[test]
+    fn each_phase_of_a_goal_is_one_event() {
+        let mut log = Log::default();
+        let goal = |tick, id, phase: &str| Goal {
+            stamp: Mark { tick, ..Mark::default() },
+            id,
+            plant_epoch: 1,
+            kind: "pose".into(),
+            phase: phase.into(),
+            target: [1.0, 2.0, 0.5],
+        };
+        for tick in 0..30 {
+            log.hear_goal(&goal(tick, 1, if tick < 20 { "under way" } else { "reached" }));
+        }
+        log.hear_goal(&goal(30, 2, "under way"));
+        let (events, _) = log.finish();
+        assert_eq!(events.iter().map(|event| event.tick).collect::<Vec<_>>(), [0, 20, 30]);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::rows::{
     HealthRow, Mark, PlanRow, StateRow, closed, coded, first_row, no_reason, numbers,
 };
-use protocol::message::{Exposure, FallbackLevel, Reason, WHEELS_MAX};
+use protocol::message::{Coded, Exposure, FallbackLevel, Reason, WHEELS_MAX};
 use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 
@@ -53,6 +53,8 @@ pub(super) struct GateWords {
     pub(super) tick: u64,
     pub(super) fallback_level: FallbackLevel,
     pub(super) reason: String,
+    /// Whether the gate slowed the robot.
+    pub(super) is_slowed: bool,
     /// Number of commands rejected so far.
     pub(super) refused: u64,
 }
@@ -70,11 +72,19 @@ impl State {
             stop,
             ..
         } = self;
-        let reason = if stop == Reason::None { self.reason } else { stop.text().to_owned() };
+        let told = if stop == Reason::None { self.reason } else { stop.text().to_owned() };
+        let reason = Reason::of_word(&told).unwrap_or(Reason::None);
         (
-            StateRow { stamp, accepted_epoch, fallback_level, stop, pose, velocity },
+            StateRow { stamp, accepted_epoch, fallback_level, reason, stop, pose, velocity },
             StateTick { tick: stamp.tick, pose, velocity, wheel_speed, fallback_level },
-            GateWords { epoch: stamp.epoch, tick: stamp.tick, fallback_level, reason, refused },
+            GateWords {
+                epoch: stamp.epoch,
+                tick: stamp.tick,
+                fallback_level,
+                reason: told,
+                is_slowed: reason.is_slowed(),
+                refused,
+            },
         )
     }
 }
@@ -165,6 +175,56 @@ pub(super) struct Snapshot {
     /// none.
     #[serde(default)]
     pub(super) sample_variance: Option<[Option<f64>; 3]>,
+}
+
+/// A Goal.
+#[derive(Debug, Deserialize)]
+pub(super) struct Goal {
+    pub(super) stamp: Mark,
+    pub(super) id: u64,
+    pub(super) plant_epoch: u64,
+    pub(super) kind: String,
+    pub(super) phase: String,
+    #[serde(deserialize_with = "numbers")]
+    pub(super) target: [f64; 3],
+}
+
+/// An Obstacles.
+#[derive(Debug, Deserialize)]
+pub(super) struct Obstacles {
+    pub(super) stamp: Mark,
+    pub(super) plant_epoch: u64,
+    /// Velocity in x and y, radius, then x and y of the corners, per obstacle.
+    #[serde(rename = "obstacles")]
+    rows: Vec<Vec<Option<f64>>>,
+}
+
+/// The hull of its corners, grown by its radius.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Outline {
+    /// x and y \[m\].
+    pub(super) corners: Vec<(f64, f64)>,
+    /// \[m\].
+    pub(super) radius: f64,
+    pub(super) moves: bool,
+}
+
+impl Obstacles {
+    /// The outlines of the obstacles whose numbers are all known.
+    pub(super) fn outlines(self) -> impl Iterator<Item = Outline> {
+        self.rows.into_iter().filter_map(|numbers| {
+            let numbers: Vec<f64> = numbers.into_iter().collect::<Option<_>>()?;
+            let (&[ahead, left, radius], corners) = numbers.split_first_chunk()?;
+            let mut corners: Vec<(f64, f64)> =
+                corners.as_chunks().0.iter().map(|&[x, y]| (x, y)).collect();
+            corners.dedup();
+            (!corners.is_empty()).then_some(Outline {
+                corners,
+                radius,
+                moves: ahead != 0.0 || left != 0.0,
+            })
+        })
+    }
 }
 
 /// A Health.

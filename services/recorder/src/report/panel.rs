@@ -158,6 +158,21 @@ impl Panel {
         self.path(&format!("line {class}"), &data);
     }
 
+    /// The hull of `corners`, grown by `radius` in the unit of x. Both axes must have one scale.
+    pub fn shape(&mut self, class: &str, corners: &[(f64, f64)], radius: f64) {
+        let places: Vec<Place> = corners.iter().filter_map(|&(x, y)| self.place(x, y)).collect();
+        let mut data = String::new();
+        subpath(&mut data, &places);
+        let unit = 10.0 * self.width() * (self.x.share(1.0) - self.x.share(0.0));
+        let around = short(2.0 * radius * unit);
+        if !data.is_empty() {
+            let _ = write!(
+                self.inner,
+                "<path class=\"shape {class}\" stroke-width=\"{around}\" d=\"{data}Z\"/>"
+            );
+        }
+    }
+
     /// The area between −y and +y of `points`, broken like a line.
     pub fn band(&mut self, class: &str, gap: f64, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut data = String::new();

@@ -5,7 +5,9 @@
 
 use super::ReportError;
 use super::events::{Event, Log};
-use super::heard::{Health, Plan, PlanTick, Sample, Snapshot, State, StateTick};
+use super::heard::{
+    Goal, Health, Obstacles, Outline, Plan, PlanTick, Sample, Snapshot, State, StateTick,
+};
 use crate::changes;
 use crate::reader::{self, Head, SourceError};
 use crate::rows::{Mark, Rows, TruthRow};
@@ -18,6 +20,13 @@ use std::path::{Path, PathBuf};
 
 /// Longest plausible period \[ns\].
 const PERIOD_NANOS_MAX: u64 = 3_600_000_000_000;
+
+/// Distance between two drawn outlines of an obstacle that moves, and of one that stands \[m\].
+const MOVING_CELL_M: f64 = 0.25;
+const STANDING_CELL_M: f64 = 0.01;
+
+/// Largest number of drawn outlines.
+const OBSTACLES_MAX: usize = 500;
 
 /// A published model.
 #[derive(Debug, Clone, Copy)]
@@ -56,6 +65,10 @@ pub(super) struct Record {
     pub(super) published: Vec<Published>,
     /// By version, where the record has it \[(m/s)², (m/s)², (rad/s)²\].
     pub(super) sample_variance: BTreeMap<u64, [f64; 3]>,
+    /// Targets of the goals \[m, m, rad\].
+    pub(super) goals: Vec<[f64; 3]>,
+    /// Where obstacles were.
+    pub(super) obstacles: Vec<Outline>,
     pub(super) events: Vec<Event>,
     /// Number of further events.
     pub(super) events_more: u64,
@@ -147,6 +160,10 @@ struct Reading {
     usable: Vec<u64>,
     published: Vec<Published>,
     sample_variance: BTreeMap<u64, [f64; 3]>,
+    /// By number.
+    goals: BTreeMap<u64, [f64; 3]>,
+    /// By cell.
+    obstacles: BTreeMap<Vec<i64>, Outline>,
     log: Log,
     passed_over: u64,
     /// Tick of the last state.
@@ -232,9 +249,35 @@ impl Reading {
                 let Stamped { stamp } = serde_json::from_slice(json)?;
                 self.rows.add_command(stamp);
             }
-            Topic::Credit | Topic::Goal | Topic::Obstacles => {}
+            Topic::Goal => {
+                let goal: Goal = serde_json::from_slice(json)?;
+                if self.rows.count(topic, goal.stamp) && self.belongs(goal.plant_epoch) {
+                    self.goals.insert(goal.id, goal.target);
+                    self.log.hear_goal(&goal);
+                }
+            }
+            Topic::Obstacles => {
+                let list: Obstacles = serde_json::from_slice(json)?;
+                if self.rows.count(topic, list.stamp) && self.belongs(list.plant_epoch) {
+                    for outline in list.outlines() {
+                        self.add_obstacle(outline);
+                    }
+                }
+            }
+            Topic::Credit => {}
         }
         Ok(())
+    }
+
+    /// Keeps an outline unless there is one in the same cell.
+    fn add_obstacle(&mut self, outline: Outline) {
+        let cell_m = if outline.moves { MOVING_CELL_M } else { STANDING_CELL_M };
+        let cell = |value: f64| (value / cell_m).round() as i64;
+        let corners = outline.corners.iter().flat_map(|&(x, y)| [cell(x), cell(y)]);
+        let key = corners.chain([cell(outline.radius)]).collect();
+        if self.obstacles.len() < OBSTACLES_MAX {
+            self.obstacles.entry(key).or_insert(outline);
+        }
     }
 
     /// Whether a message of this epoch of the plant belongs to its last run. The first message of a
@@ -244,6 +287,7 @@ impl Reading {
             self.epoch = epoch;
             (self.states, self.plans, self.usable, self.published) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            (self.goals, self.obstacles) = (BTreeMap::new(), BTreeMap::new());
             (self.tick, self.began) = (0, None);
             self.log.start_over();
         }
@@ -300,6 +344,8 @@ impl Reading {
             usable: self.usable,
             published: self.published,
             sample_variance: self.sample_variance,
+            goals: self.goals.into_values().collect(),
+            obstacles: self.obstacles.into_values().collect(),
             events,
             events_more,
         }

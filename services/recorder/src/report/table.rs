@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::fmt::Write;
 
 /// Figures of `summary.json`: key, label, decimals, unit, and the text if there is none.
-const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
+const FIGURES: [(&str, &str, usize, &str, &str); 20] = [
     ("arrival_s", "arrival: within 0.10 m for good", 1, "s", "never"),
     ("speed_settle_s", "speed settled: within 0.07 m/s for good", 1, "s", "never"),
     ("steady_speed_error_mps", "steady speed error, largest of the last 10 s", 3, "m/s", "–"),
@@ -22,6 +22,7 @@ const FIGURES: [(&str, &str, usize, &str, &str); 19] = [
     ("tick_max_us", "control tick, longest", 0, "µs", "–"),
     ("periods", "periods from the first command on", 0, "", "–"),
     ("periods_missed", "periods missed", 0, "", "–"),
+    ("periods_slowed", "periods slowed by the gate", 0, "", "–"),
     ("fallback_levels", "periods by fallback level", 0, "", "–"),
     ("world_stalled_s", "world stood still", 3, "s", "–"),
     ("snapshots_published", "models published", 0, "", "–"),
@@ -61,6 +62,8 @@ pub(super) fn table(records: &[Record]) -> String {
         });
         row(&mut html, key, title, cells);
     }
+    let arrivals = summaries.iter().map(|summary| arrivals(&summary["arrival_by_band_s"]));
+    row(&mut html, "arrival_by_band_s", "arrival by distance from the reference", arrivals);
     let motions = summaries.iter().map(|summary| {
         let of = summary["figures_of"].as_str().unwrap_or("–").to_owned();
         Cell { exact: of.clone(), written: of }
@@ -71,6 +74,20 @@ pub(super) fn table(records: &[Record]) -> String {
     learning_rows(&mut html, records);
     html.push_str("</tbody></table>");
     html
+}
+
+/// Time of arrival within each distance.
+fn arrivals(value: &Value) -> Cell {
+    let arrivals: Vec<String> = value
+        .as_object()
+        .into_iter()
+        .flatten()
+        .map(|(band, at)| match at.as_f64() {
+            Some(at) => format!("{band} m: {at:.1} s"),
+            None => format!("{band} m: –"),
+        })
+        .collect();
+    Cell { exact: value.to_string(), written: arrivals.join(", ") }
 }
 
 /// Time and reason of each stop of the gate.

@@ -16,7 +16,7 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
     let mut figure = Figure::new(
         "path",
         "Path in the plane",
-        format!("Position of the robot{}.", measured(records)),
+        format!("Position of the robot{}.{}", measured(records), surroundings(records)),
     );
     (figure.paper, figure.wide) = (Some(3), true);
     let (mut x, mut y) = (Extent::NONE, Extent::NONE);
@@ -25,18 +25,24 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
             record
                 .motion()
                 .map(|(_, pose, _)| pose[0])
-                .chain(record.plans.iter().map(|plan| plan.reference[0])),
+                .chain(record.plans.iter().map(|plan| plan.reference[0]))
+                .chain(record.goals.iter().map(|goal| goal[0])),
         );
         y.include(
             record
                 .motion()
                 .map(|(_, pose, _)| pose[1])
-                .chain(record.plans.iter().map(|plan| plan.reference[1])),
+                .chain(record.plans.iter().map(|plan| plan.reference[1]))
+                .chain(record.goals.iter().map(|goal| goal[1])),
         );
     }
     let (x, y, height) = same_scale(x.padded(), y.padded(), Panel::width_of_axes());
     let mut panel = Panel::new("y [m]", Axis::linear(x), Axis::linear(y), records.detail)
         .shaped("x [m]", height);
+    for outline in records.all().iter().flat_map(|record| &record.obstacles) {
+        let class = if outline.moves { "moves" } else { "stands" };
+        panel.shape(class, &outline.corners, outline.radius);
+    }
     // Equal references are drawn on top of each other.
     for record in records.all() {
         panel.track(
@@ -50,11 +56,33 @@ pub(super) fn path(records: &Records<'_>) -> Figure {
         let class = if index < last { format!("{colour} under") } else { colour };
         panel.track(&class, record.motion().map(|(_, pose, _)| (pose[0], pose[1])));
     }
+    for record in records.all() {
+        panel.dots("goal", record.goals.iter().map(|goal| (goal[0], goal[1])));
+    }
     figure.panels.push(panel.finish(&format!("Path in the plane: {}", records.names())));
     figure.legend = records.legend(Look::Line, "", |_| true);
     figure.legend.extend(reference_key(records));
+    if records.all().iter().any(|record| !record.goals.is_empty()) {
+        let (colour, label) = ("goal".to_owned(), "goal".to_owned());
+        figure.legend.push(Key { colour, look: Look::Dot, label });
+    }
+    if records.all().iter().any(|record| !record.obstacles.is_empty()) {
+        let (colour, label) = ("reference".to_owned(), "obstacle".to_owned());
+        figure.legend.push(Key { colour, look: Look::Band, label });
+    }
     figure.missing = records.without(Topic::Plan);
     figure
+}
+
+/// Note on the obstacles, if there are any.
+fn surroundings(records: &Records<'_>) -> &'static str {
+    let any = records.all().iter().any(|record| !record.obstacles.is_empty());
+    if any {
+        " Obstacles are as sensors and planners reported them; the map is not in the record. One \
+         that moves is drawn every 0.25 m."
+    } else {
+        ""
+    }
 }
 
 /// Position, heading and speed against the reference.

@@ -37,6 +37,7 @@ fn add_epoch(rows: &mut Rows, epoch: u64, ticks: u64, errors: impl Fn(u64) -> (f
             stamp: mark(epoch, tick),
             accepted_epoch,
             fallback_level,
+            reason: Reason::None,
             stop: Reason::None,
             pose: [0.5 + pose[0], pose[1], pose[2]],
             velocity,
@@ -58,6 +59,32 @@ fn arrival_is_the_first_time_after_which_the_error_stays_in_the_band() {
     assert!(close(summary(&rows).arrival_s, 2.1), "a visit before tick 20 is not the arrival");
     let rows = record(250, |_| (0.05, 0.0, 0.0));
     assert_eq!(summary(&rows).arrival_s, Some(0.0), "arrived from the start");
+}
+
+#[test]
+fn periods_in_which_the_gate_slows_the_robot_are_counted() {
+    let mut rows = record(250, |_| (0.0, 0.0, 0.0));
+    assert_eq!(summary(&rows).periods_slowed, 0);
+    for state in &mut rows.states[100..140] {
+        state.reason = Reason::ProtectiveStop;
+    }
+    rows.states[200].reason = Reason::SpeedZone;
+    assert_eq!(summary(&rows).periods_slowed, 41);
+}
+
+#[test]
+fn each_band_has_its_own_arrival() {
+    let approach = |tick: u64| match tick {
+        0..10 => 0.3,
+        10..20 => 0.09,
+        20..30 => 0.04,
+        _ => 0.03,
+    };
+    let rows = record(250, |tick| (approach(tick), 0.0, 0.0));
+    let arrivals = summary(&rows).arrival_by_band_s;
+    assert_eq!(arrivals.keys().copied().collect::<Vec<_>>(), ["0.02", "0.05", "0.10"]);
+    assert_eq!(arrivals["0.02"], None);
+    assert!(close(arrivals["0.05"], 2.0) && close(arrivals["0.10"], 1.0), "{arrivals:?}");
 }
 
 #[test]
@@ -269,6 +296,7 @@ fn the_file_has_every_figure_in_its_place_and_every_fallback_level() {
         .unwrap_or_default();
     let keys = [
         "arrival_s",
+        "arrival_by_band_s",
         "speed_settle_s",
         "steady_speed_error_mps",
         "position_rmse_m",
@@ -279,6 +307,7 @@ fn the_file_has_every_figure_in_its_place_and_every_fallback_level() {
         "tick_max_us",
         "periods",
         "periods_missed",
+        "periods_slowed",
         "fallback_levels",
         "waiting",
         "fresh plan",
