@@ -63,12 +63,8 @@ fn version() -> String {
 /// Version and kind of the example, a Credit.
 fn header() -> String {
     let kind = Credit::KIND;
-    let bytes: String = VERSION
-        .to_le_bytes()
-        .into_iter()
-        .chain(kind.to_le_bytes())
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
+    let ([low, high], [first, second]) = (VERSION.to_le_bytes(), kind.to_le_bytes());
+    let bytes = format!("{low:02x}{high:02x}{first:02x}{second:02x}");
     format!(
         "Example, a Credit message. It begins with `{bytes}`: version {VERSION}, kind {kind}.\n"
     )
