@@ -125,7 +125,8 @@ def table(rows):
         recoveries.setdefault(column, []).extend(recovery)
         if coverage:
             coverages.setdefault(column, {})[scenario] = mean_of(coverage)
-            widths.setdefault(column, []).append([of / rms for of, rms in zip(half_width, residual)])
+            shares = [of / rms for of, rms in zip(half_width, residual)]
+            widths.setdefault(column, []).append(shares)
     columns.sort(key=lambda column: (ALL.index(column[0]), column[1]))
     scenarios = sorted({scenario for scenario, _ in cells})
     name = {OURS: "ours", "feedforward-p": "ff+P"}

@@ -11,7 +11,6 @@ use access::{Credentials, Role};
 use bridge::settings::Settings;
 use certificates::issue::{Order, issue};
 use controller::goal::{Demand, GoalRequest};
-use motion::limits::Stated;
 use network::requests::Requester;
 use network::threads;
 use process::read_settings;
@@ -68,7 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let credentials = Credentials::in_folder(folder.join(Role::Operator.to_string()));
     let operator = Requester::open(&endpoint, &credentials)?;
     let goal = Demand::Pose { to: [1e3, 0.0, 0.0] };
-    let goal = GoalRequest { goal, limits: Stated::default() };
+    let goal = GoalRequest::of(goal);
     operator.ask(Participant::Controller, &goal.text())?;
     let mut nanos = Vec::with_capacity(trials);
     for trial in 0..trials {

@@ -38,6 +38,8 @@ const EXCHANGE_S: f64 = 0.1;
 pub const OUTLOOK_POINTS: usize = DELAY_MAX + HORIZON_MAX + 1;
 /// Longest time for which a velocity can be valid \[s\].
 pub const VELOCITY_VALID_MAX_S: f64 = 60.0;
+/// Longest time within which a goal must begin \[s\].
+const BEGINS_WITHIN_MAX_S: f64 = 3600.0;
 /// Range of each limit that a request states.
 const LIMITS: RangeInclusive<f64> = 1e-3..=1e4;
 /// Longest motion \[s\].
@@ -80,6 +82,10 @@ pub struct GoalRequest {
     /// Stricter limits for it.
     #[serde(default)]
     pub limits: Stated,
+    /// Time after the request within which it must begin \[s\]; `None` is no limit. A velocity has
+    /// a time of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub valid_s: Option<f64>,
 }
 
 /// Why a goal is rejected.
@@ -111,8 +117,14 @@ pub enum GoalError {
         /// Its value.
         valid_s: f64,
     },
-    /// The velocity was requested so long ago that it has ended.
-    #[error("the velocity has ended: it was requested {age_s:.1} s ago, for {valid_s} s")]
+    /// The time within which it must begin is none.
+    #[error("valid_s = {valid_s}: expected more than 0, at most {BEGINS_WITHIN_MAX_S} s")]
+    BeginsWithin {
+        /// Its value.
+        valid_s: f64,
+    },
+    /// It was requested so long ago that it may no longer begin.
+    #[error("the goal has ended: it was requested {age_s:.1} s ago, for {valid_s} s")]
     Ended {
         /// Time since the request \[s\].
         age_s: f64,
@@ -148,7 +160,29 @@ pub enum GoalError {
     },
 }
 
+impl GoalError {
+    /// Its kind, for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Syntax { .. } => "syntax",
+            Self::Limit { .. } => "limit",
+            Self::Validity { .. } | Self::BeginsWithin { .. } => "validity",
+            Self::Ended { .. } => "ended",
+            Self::OutOfDate { .. } => "out-of-date",
+            Self::Schedule { .. } => "schedule",
+            Self::Shut { .. } => "gate",
+            Self::Motion(error) => error.code(),
+            Self::TooLong { .. } => "motion-too-long",
+        }
+    }
+}
+
 impl GoalRequest {
+    /// A request for `goal` with the limits of the robot, whenever it arrives.
+    pub fn of(goal: Demand) -> Self {
+        Self { goal, limits: Stated::default(), valid_s: None }
+    }
+
     /// Parses the text of a request.
     ///
     /// # Errors
@@ -167,17 +201,19 @@ impl GoalRequest {
         format!("{GOAL_MARK}\n{table}")
     }
 
-    /// Checks that the goal can still begin, `age_s` seconds after its request. A velocity that had
-    /// to wait longer than it is valid, for example for a restarted controller, moves no robot.
+    /// Checks that the goal can still begin, `age_s` seconds after its request. One that had to
+    /// wait longer than it is valid, for example for a restarted controller, moves no robot.
     ///
     /// # Errors
     /// [`GoalError::Ended`].
     pub fn check_age(&self, age_s: f64) -> Result<(), GoalError> {
-        match self.goal {
-            Demand::Velocity { valid_s, .. } if age_s > valid_s => {
-                Err(GoalError::Ended { age_s, valid_s })
-            }
-            _ => Ok(()),
+        let own = match self.goal {
+            Demand::Velocity { valid_s, .. } => Some(valid_s),
+            _ => None,
+        };
+        match own.into_iter().chain(self.valid_s).find(|&valid_s| age_s > valid_s) {
+            Some(valid_s) => Err(GoalError::Ended { age_s, valid_s }),
+            None => Ok(()),
         }
     }
 
@@ -192,6 +228,11 @@ impl GoalRequest {
             if let Some(value) = value.filter(|value| !LIMITS.contains(value)) {
                 return Err(GoalError::Limit { key, value });
             }
+        }
+        if let Some(valid_s) = self.valid_s
+            && !(valid_s > 0.0 && valid_s <= BEGINS_WITHIN_MAX_S)
+        {
+            return Err(GoalError::BeginsWithin { valid_s });
         }
         match self.goal {
             Demand::Velocity { valid_s, .. }
@@ -351,7 +392,8 @@ fn motions(
         }
         Demand::Path { points, heading } => {
             let stop = to_standstill(begin, limits)?;
-            let path = along(stop.at(stop.duration_s()).pose, points, *heading, limits)?;
+            let from = stop.at(stop.duration_s()).pose;
+            let path = along(from, points, *heading, limits, |pose| clear.speed_at(pose))?;
             vec![stop, path]
         }
     })

@@ -3,7 +3,6 @@
 
 use controller::goal::{Demand, GoalRequest};
 use coxswain::goal::send;
-use motion::limits::Stated;
 use runs::registry;
 use std::env;
 use std::error::Error;
@@ -20,7 +19,7 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
             return Ok(ExitCode::from(2));
         }
     };
-    let request = GoalRequest { goal: Demand::Pose { to }, limits: Stated::default() };
+    let request = GoalRequest::of(Demand::Pose { to });
     let accepted = send(&request, None, &registry::base())?;
     let mut out = io::stdout();
     writeln!(out, "goal {} accepted from tick {}", accepted.id, accepted.from_tick)?;

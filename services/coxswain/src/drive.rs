@@ -128,8 +128,12 @@ pub fn run(options: &DriveOptions, base: &Path) -> Result<(), DriveError> {
         };
     };
     let (velocity, valid_s) = ([forward, left, rate], options.valid_s);
-    let goal =
-        GoalOptions { speed: options.speed, no_wait: options.no_wait, to: options.to.clone() };
+    let goal = GoalOptions {
+        speed: options.speed,
+        valid: None,
+        no_wait: options.no_wait,
+        to: options.to.clone(),
+    };
     Ok(give(Demand::Velocity { velocity, valid_s }, &goal, base)?)
 }
 

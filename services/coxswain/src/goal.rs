@@ -26,6 +26,9 @@ pub struct GoalOptions {
     /// Largest speed on the way (m/s); by default, and at most, 70 % of that of the robot file.
     #[arg(long, value_name = "M/S")]
     pub speed: Option<f64>,
+    /// Reject the goal if it cannot begin within this time of now (s).
+    #[arg(long, value_name = "S")]
+    pub valid: Option<f64>,
     /// Return when the controller has accepted the goal, not when the robot stands there. With --at
     /// it always does.
     #[arg(long)]
@@ -53,7 +56,8 @@ pub struct GoOptions {
 /// A path to follow.
 #[derive(Debug, Clone, Args)]
 pub struct FollowOptions {
-    /// CSV file with the columns x_m,y_m or x_m,y_m,yaw_rad; its first point near the robot.
+    /// CSV file with the columns x_m,y_m, and perhaps yaw_rad and speed_mps; its first point near
+    /// the robot.
     pub file: PathBuf,
     /// Heading on the way: keep, tangent, given (by the column yaw_rad), or an angle. By default
     /// given if the file has headings, else keep.
@@ -73,7 +77,10 @@ pub enum GoalError {
     #[error(transparent)]
     Join(#[from] JoinError),
     /// The file is no path.
-    #[error("{}: {source}; expected the columns x_m,y_m or x_m,y_m,yaw_rad", file.display())]
+    #[error(
+        "{}: {source}; expected the columns x_m,y_m, and perhaps yaw_rad and speed_mps",
+        file.display()
+    )]
     File {
         /// The file.
         file: PathBuf,
@@ -138,7 +145,7 @@ pub fn follow(options: &FollowOptions, base: &Path) -> Result<(), GoalError> {
 /// [`GoalError`].
 pub(crate) fn give(goal: Demand, options: &GoalOptions, base: &Path) -> Result<(), GoalError> {
     let limits = Stated { speed_mps: options.speed, ..Stated::default() };
-    let request = GoalRequest { goal, limits };
+    let request = GoalRequest { goal, limits, valid_s: options.valid };
     let kind = request.goal.kind();
     let tell = |id: u64, tick: u64| {
         terminal::print(format_args!("goal {id} ({kind}): accepted at tick {tick}"));
@@ -179,7 +186,7 @@ pub fn send(request: &GoalRequest, run: Option<&Path>, base: &Path) -> Result<Ac
     let from_tick = match settled.answer.outcome {
         Outcome::Applied { acts_from_tick, .. } => acts_from_tick,
         // `set` returns it as an error.
-        Outcome::Refused { reason } => {
+        Outcome::Refused { reason, .. } => {
             return Err(SetError::Refused { role: Participant::Controller, reason }.into());
         }
     };
@@ -246,6 +253,8 @@ struct Row {
     y_m: f64,
     #[serde(default)]
     yaw_rad: Option<f64>,
+    #[serde(default)]
+    speed_mps: Option<f64>,
 }
 
 fn read(file: &Path) -> Result<Vec<Waypoint>, csv::Error> {
@@ -253,7 +262,11 @@ fn read(file: &Path) -> Result<Vec<Waypoint>, csv::Error> {
     reader
         .deserialize()
         .map(|row| {
-            row.map(|Row { x_m, y_m, yaw_rad }| Waypoint { position: [x_m, y_m], yaw: yaw_rad })
+            row.map(|Row { x_m, y_m, yaw_rad: yaw, speed_mps }| Waypoint {
+                position: [x_m, y_m],
+                yaw,
+                speed_mps,
+            })
         })
         .collect()
 }
@@ -301,13 +314,17 @@ mod tests {
     }
 
     #[test]
-    fn a_path_file_has_positions_and_perhaps_headings() -> Result<(), Box<dyn std::error::Error>> {
+    fn a_path_file_has_positions_and_perhaps_headings_and_speeds()
+    -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("path.csv");
         fs::write(&file, "x_m,y_m\n0, 1\n2.5,-1\n")?;
         let points = read(&file)?;
         assert_eq!(points.len(), 2);
-        assert_eq!(points[1], Waypoint { position: [2.5, -1.0], yaw: None });
+        assert_eq!(points[1], Waypoint::at([2.5, -1.0]));
+        fs::write(&file, "x_m,y_m,speed_mps\n0,1,0.5\n2,1,\n")?;
+        let speeds: Vec<_> = read(&file)?.into_iter().map(|point| point.speed_mps).collect();
+        assert_eq!(speeds, [Some(0.5), None]);
         fs::write(&file, "x_m,y_m,yaw_rad\n0,1,3\n")?;
         assert_eq!(read(&file)?[0].yaw, Some(3.0));
         for wrong in ["x_m,y_m\n1\n", "x_m,y_m\n1,north\n", "x,y\n1,2\n"] {

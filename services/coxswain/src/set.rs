@@ -206,7 +206,7 @@ fn address(text: &str) -> Result<String, String> {
 fn accepted(settled: Settlement, role: Participant) -> Result<Settlement, SetError> {
     match &settled.answer.outcome {
         Outcome::Applied { .. } => Ok(settled),
-        Outcome::Refused { reason } => Err(SetError::Refused { role, reason: reason.clone() }),
+        Outcome::Refused { reason, .. } => Err(SetError::Refused { role, reason: reason.clone() }),
     }
 }
 

@@ -124,7 +124,7 @@ fn judge_order(settled: &[Settled], given: &Given, violations: &mut Vec<String>)
                 one.number,
                 if is_absurd { "no robot can do it" } else { "a newer one had been followed" }
             )),
-            Outcome::Refused { reason } if expected => {
+            Outcome::Refused { reason, .. } if expected => {
                 violations.push(format!("goal {} was rejected: {reason}", one.number));
             }
             _ => {}

@@ -18,6 +18,16 @@ enum Refusal {
     Change(#[from] ChangeError),
 }
 
+impl Refusal {
+    /// Its kind, for programs.
+    fn code(&self) -> &'static str {
+        match self {
+            Self::NotAsked(error) => error.code(),
+            Self::Change(error) => error.code(),
+        }
+    }
+}
+
 /// Applies requested changes one at a time, and holds the settings in use.
 pub(crate) struct TunableSettings {
     inbox: Inbox,
@@ -65,7 +75,7 @@ impl TunableSettings {
                 true
             }
             Err(refusal) => {
-                self.inbox.answer(Outcome::Refused { reason: refusal.to_string() });
+                self.inbox.answer(Outcome::refused(refusal.code(), &refusal));
                 false
             }
         }

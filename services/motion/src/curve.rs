@@ -27,8 +27,18 @@ pub struct Waypoint {
     /// x, y in the world \[m\].
     pub position: [f64; 2],
     /// Heading there, for [`Heading::Given`] \[rad\].
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub yaw: Option<f64>,
+    /// Largest speed on the way to it, beside the limits of the goal \[m/s\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_mps: Option<f64>,
+}
+
+impl Waypoint {
+    /// A point without heading and speed of its own.
+    pub const fn at(position: [f64; 2]) -> Self {
+        Self { position, yaw: None, speed_mps: None }
+    }
 }
 
 /// Heading along a path.
@@ -59,6 +69,8 @@ pub(crate) struct Place {
 pub(crate) struct Curve {
     /// One before the first sample to one behind the last.
     control: Vec<[f64; AXES]>,
+    /// Largest speed from each sample to the next, by the points \[m/s\].
+    speeds: Vec<f64>,
 }
 
 impl Curve {
@@ -84,12 +96,17 @@ impl Curve {
         let samples = ((length / SAMPLE_M).ceil() as usize).max(SAMPLES_MIN);
         let step = length / samples as f64;
         let (mut segment, mut yaw_before) = (0, from[2]);
+        let mut speeds = vec![f64::INFINITY; samples];
         let control = (0..=samples).map(|sample| {
             let at = step * sample as f64;
             while segment + 2 < line.len() && along[segment + 1] <= at {
                 segment += 1;
             }
             let (a, b) = (line[segment], line[segment + 1]);
+            // A stretch between two samples may belong to two segments.
+            for stretch in speeds.iter_mut().take(sample + 1).skip(sample.saturating_sub(1)) {
+                *stretch = stretch.min(b.speed_mps.unwrap_or(f64::INFINITY));
+            }
             let share = ((at - along[segment]) / (along[segment + 1] - along[segment])).min(1.0);
             let way = [b.position[0] - a.position[0], b.position[1] - a.position[1]];
             let turned = (at / TURN_M.min(length)).min(1.0);
@@ -105,7 +122,8 @@ impl Curve {
             yaw_before += nearest_turn(wanted - yaw_before);
             [a.position[0] + share * way[0], a.position[1] + share * way[1], yaw_before]
         });
-        Ok(Self::with_ends(control.collect()))
+        let control = control.collect();
+        Ok(Self { speeds, ..Self::with_ends(control) })
     }
 
     /// The spline of these samples, through the first and the last one.
@@ -121,7 +139,12 @@ impl Curve {
             control.push(beyond(last, before));
             debug_assert_eq!(control.len(), count + 2);
         }
-        Self { control }
+        Self { control, speeds: Vec::new() }
+    }
+
+    /// Largest speed between the samples around `parameter`, by the points \[m/s\].
+    pub(crate) fn speed_max(&self, parameter: f64) -> f64 {
+        self.speeds.get(parameter.max(0.0) as usize).copied().unwrap_or(f64::INFINITY)
     }
 
     /// Largest parameter.
@@ -160,7 +183,7 @@ impl Curve {
 
 /// The line from `from` through `points`, without points that are where the last one is.
 fn line(from: [f64; AXES], points: &[Waypoint]) -> Vec<Waypoint> {
-    let mut line = vec![Waypoint { position: [from[0], from[1]], yaw: Some(from[2]) }];
+    let mut line = vec![Waypoint { yaw: Some(from[2]), ..Waypoint::at([from[0], from[1]]) }];
     for point in points {
         // The robot begins with its own heading.
         let is_first = line.len() == 1;
@@ -208,6 +231,9 @@ fn check(points: &[Waypoint], heading: Heading) -> Result<(), MotionError> {
         let values = point.position.iter().chain(&point.yaw);
         if !values.into_iter().all(|value| value.abs() <= PLACE_MAX) {
             return Err(MotionError::NotFinite { what: format!("point {}", number + 1) });
+        }
+        if let Some(speed_mps) = point.speed_mps.filter(|speed| speed.is_nan() || *speed <= 0.0) {
+            return Err(MotionError::Speed { point: number + 1, speed_mps });
         }
     }
     match heading {

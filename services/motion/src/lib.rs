@@ -114,6 +114,14 @@ pub enum MotionError {
         /// Part of the goal.
         what: String,
     },
+    /// No robot gets to a point at this speed.
+    #[error("point {point}: speed_mps = {speed_mps}: expected more than 0")]
+    Speed {
+        /// Number of the point, from 1.
+        point: usize,
+        /// Its speed \[m/s\].
+        speed_mps: f64,
+    },
     /// Too few or too many points.
     #[error("{points} points: expected 1 to {POINTS_MAX}")]
     Points {
@@ -163,4 +171,21 @@ pub enum MotionError {
         /// Cause.
         reason: String,
     },
+}
+
+impl MotionError {
+    /// Its kind, for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NotFinite { .. } => "not-finite",
+            Self::Speed { .. } => "limit",
+            Self::Points { .. } => "points",
+            Self::TooLong { .. } => "path-too-long",
+            Self::TooShort { .. } => "path-too-short",
+            Self::StartsElsewhere { .. } => "path-starts-elsewhere",
+            Self::GoalBlocked { .. } => "goal-blocked",
+            Self::NoWay => "no-way",
+            Self::NotFound { .. } => "no-motion",
+        }
+    }
 }

@@ -33,6 +33,7 @@ pub(crate) struct TimedCurve {
 }
 
 /// The fastest motion from standing at `from` through `points`, to a standstill at the last one.
+/// `speed_at` is the largest speed at a pose \[m/s\], beside that of the points and `limits`.
 ///
 /// # Errors
 /// [`MotionError`] if the points are no path, or begin elsewhere.
@@ -41,6 +42,7 @@ pub fn along(
     points: &[Waypoint],
     heading: Heading,
     limits: &Limits,
+    speed_at: impl Fn(&[f64; AXES]) -> f64,
 ) -> Result<Motion, MotionError> {
     let curve = Curve::through(from, points, heading)?;
     let first = points.first().map_or([from[0], from[1]], |point| point.position);
@@ -48,7 +50,7 @@ pub fn along(
     if distance_m > START_MAX_M {
         return Err(MotionError::StartsElsewhere { distance_m, most_m: START_MAX_M });
     }
-    let timed = TimedCurve::new(curve, limits);
+    let timed = TimedCurve::new(curve, limits, speed_at);
     let duration_s = timed.times.last().copied().unwrap_or(0.0);
     if !duration_s.is_finite() {
         return Err(MotionError::NotFound { reason: "the path cannot be driven".into() });
@@ -68,13 +70,15 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(begin: &Place, end: &Place, step: f64, limits: &Limits) -> Self {
+    /// `speed_max` is the largest planar speed in it \[m/s\].
+    fn new(begin: &Place, end: &Place, step: f64, limits: &Limits, speed_max: f64) -> Self {
         let unit = Moment { pose: begin.pose, velocity: begin.first, ..Moment::default() };
-        let speed = limits.speed_use(&unit);
+        let (speed, planar) = (limits.speed_use(&unit), begin.first[0].hypot(begin.first[1]));
+        let by_limits = if speed > 0.0 { speed.powi(-2) } else { f64::MAX };
         // x at the end is x + 2 step u.
         let at_end = rows(end, limits).map(|(a, b, c)| (a + 2.0 * step * b, b, c));
         Self {
-            x_max: if speed > 0.0 { speed.powi(-2) } else { f64::MAX },
+            x_max: by_limits.min((speed_max / planar).powi(2)),
             rows: [rows(begin, limits), at_end],
         }
     }
@@ -136,13 +140,23 @@ fn rows(place: &Place, limits: &Limits) -> Rows {
 }
 
 impl TimedCurve {
-    fn new(curve: Curve, limits: &Limits) -> Self {
+    fn new(curve: Curve, limits: &Limits, speed_at: impl Fn(&[f64; AXES]) -> f64) -> Self {
         let intervals = (curve.end() as usize * GRID).max(1);
         let step = curve.end() / intervals as f64;
         let places: Vec<Place> =
             (0..=intervals).map(|index| curve.at(step * index as f64)).collect();
-        let stages: Vec<Stage> =
-            places.windows(2).map(|pair| Stage::new(&pair[0], &pair[1], step, limits)).collect();
+        // At the samples: between two of them the lower speed counts.
+        let speeds_at: Vec<f64> =
+            places.iter().step_by(GRID).map(|place| speed_at(&place.pose)).collect();
+        let speed_max = |index: usize| {
+            let around = speeds_at.iter().skip(index / GRID).take(2);
+            around.copied().fold(curve.speed_max(step * index as f64), f64::min)
+        };
+        let stages: Vec<Stage> = places
+            .windows(2)
+            .enumerate()
+            .map(|(index, pair)| Stage::new(&pair[0], &pair[1], step, limits, speed_max(index)))
+            .collect();
         // Backwards, to a standstill at the end.
         let mut speeds = vec![0.0; intervals + 1];
         for index in (0..intervals).rev() {
@@ -198,7 +212,17 @@ mod tests {
     }
 
     fn waypoints(points: &[[f64; 2]]) -> Vec<Waypoint> {
-        points.iter().map(|&position| Waypoint { position, yaw: None }).collect()
+        points.iter().copied().map(Waypoint::at).collect()
+    }
+
+    /// Without a speed of a place.
+    fn along(
+        from: [f64; AXES],
+        points: &[Waypoint],
+        heading: Heading,
+        limits: &Limits,
+    ) -> Result<Motion, MotionError> {
+        super::along(from, points, heading, limits, |_| f64::INFINITY)
     }
 
     fn moments(motion: &Motion) -> Vec<Moment> {
@@ -252,6 +276,26 @@ mod tests {
     }
 
     #[test]
+    fn points_and_places_lower_the_speed() -> Result<(), MotionError> {
+        let mut points = waypoints(&[[0.5, 0.0], [2.0, 0.0], [4.0, 0.0], [6.0, 0.0]]);
+        points[2].speed_mps = Some(0.2);
+        let in_zone = |pose: &[f64; AXES]| if pose[0] > 5.0 { 0.4 } else { f64::INFINITY };
+        let motion = super::along([0.0; 3], &points, Heading::Keep, &limits(), in_zone)?;
+        let fastest = |from: f64, to: f64| {
+            let moments = moments(&motion).into_iter();
+            let there = moments.filter(|moment| (from..to).contains(&moment.pose[0]));
+            there.map(|moment| moment.velocity[0]).fold(0.0, f64::max)
+        };
+        assert!(fastest(0.0, 1.9) > 0.5);
+        assert!((fastest(2.1, 3.9) - 0.2).abs() < 1e-3, "{}", fastest(2.1, 3.9));
+        assert!((fastest(5.0, 6.0) - 0.4).abs() < 1e-3, "{}", fastest(5.0, 6.0));
+        points[0].speed_mps = Some(0.0);
+        let refused = along([0.0; 3], &points, Heading::Keep, &limits()).err();
+        assert_eq!(refused, Some(MotionError::Speed { point: 1, speed_mps: 0.0 }));
+        Ok(())
+    }
+
+    #[test]
     fn paths_that_cannot_be_driven_are_refused() {
         let refused = |points: &[[f64; 2]]| {
             along([0.0; 3], &waypoints(points), Heading::Keep, &limits()).err()
@@ -281,7 +325,7 @@ mod tests {
             let points: Vec<Waypoint> = points
                 .iter()
                 .zip(yaws)
-                .map(|(&position, yaw)| Waypoint { position, yaw: Some(yaw) })
+                .map(|(&position, yaw)| Waypoint { yaw: Some(yaw), ..Waypoint::at(position) })
                 .collect();
             let [x, y] = points[0].position;
             let motion = along([x + 0.5, y, 0.3], &points, heading, &limits)

@@ -66,9 +66,19 @@ pub enum Outcome {
     },
     /// No part of the change is in use.
     Refused {
+        /// Kind of the reason, for programs. Replies of earlier versions have none.
+        #[serde(default)]
+        code: String,
         /// Why not.
         reason: String,
     },
+}
+
+impl Outcome {
+    /// The refusal for `reason`, of the kind `code`.
+    pub fn refused(code: &str, reason: &impl Display) -> Self {
+        Self::Refused { code: code.to_owned(), reason: reason.to_string() }
+    }
 }
 
 /// Reply of the process.
@@ -156,7 +166,7 @@ impl Display for Settled {
             Outcome::Applied { acts_from_tick, .. } => {
                 write!(f, "{who} set {change} from tick {acts_from_tick} on")
             }
-            Outcome::Refused { reason } => write!(f, "refused to {who}: {}", short(reason)),
+            Outcome::Refused { reason, .. } => write!(f, "refused to {who}: {}", short(reason)),
         }
     }
 }

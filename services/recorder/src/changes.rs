@@ -88,7 +88,7 @@ mod tests {
             ready_at_tick: 2,
             acts_from_tick: 3,
         };
-        for outcome in [applied, Outcome::Refused { reason: "no".into() }] {
+        for outcome in [applied, Outcome::refused("value", &"no")] {
             let answer = Answer { user: 0, answered_nanos: 5, outcome };
             let settled = Settled {
                 process: "controller".into(),

@@ -118,6 +118,19 @@ pub enum ChangeError {
     },
 }
 
+impl ChangeError {
+    /// Its kind, for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Syntax { .. } | Self::Empty => "syntax",
+            Self::Fixed { .. } => "fixed-key",
+            Self::UnknownKey { .. } => "unknown-key",
+            Self::MissingKey { .. } => "missing-key",
+            Self::Value { .. } | Self::Unsayable { .. } => "value",
+        }
+    }
+}
+
 /// Keys with their new values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Change {

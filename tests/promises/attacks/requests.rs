@@ -6,7 +6,6 @@ use access::Role;
 use controller::goal::{Demand, GoalRequest};
 use graph::assembly::Assembly;
 use graph::options::Options;
-use motion::limits::Stated;
 use network::requests::{RequestError, Requester};
 use promises::oracle::{Limits, acquit};
 use promises::{
@@ -25,7 +24,7 @@ use zenoh::Wait;
 
 /// A goal to stand still.
 fn hold() -> String {
-    GoalRequest { goal: Demand::Hold {}, limits: Stated::default() }.text()
+    GoalRequest::of(Demand::Hold {}).text()
 }
 
 /// A port that is free until the bridge takes it. It is none of those that the system gives to

@@ -31,7 +31,14 @@ LOOK_S = 0.005  # interval between two looks for the reply
 
 
 class GoalError(Exception):
-    """A goal was not given, or not reached."""
+    """A goal was not given, or not reached.
+
+    `code` is the kind of a rejection by the controller, as in WIRE.md; otherwise it is empty.
+    """
+
+    def __init__(self, text: str, code: str = "") -> None:
+        super().__init__(text)
+        self.code = code
 
 
 @dataclass(frozen=True)
@@ -128,7 +135,8 @@ class Goals:
             raise GoalError(f"the request cannot be written: {error}") from error
         reply = self._reply(number)
         if reply["outcome"] != "applied":
-            raise GoalError(f"goal {number} was rejected: {reply['reason']}")
+            code = reply.get("code", "")
+            raise GoalError(f"goal {number} was rejected: {reply['reason']}", code)
         return number
 
     def _numbered(self, whole: str) -> int:

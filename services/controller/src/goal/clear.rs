@@ -12,6 +12,12 @@ const STANDS_MPS: f64 = 0.05;
 /// Interval at which a motion is checked for collisions \[s\].
 const CHECK_EVERY_S: f64 = 0.02;
 
+/// The times at which `motion` is checked \[s\].
+fn checks(motion: &Motion) -> impl Iterator<Item = f64> + use<> {
+    let last = (motion.duration_s() / CHECK_EVERY_S).ceil() as usize;
+    (0..=last).map(|check| check as f64 * CHECK_EVERY_S)
+}
+
 /// Which of the obstacles that the robot sees count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Counted {
@@ -27,6 +33,8 @@ pub(super) struct Clear {
     footprint: Footprint,
     obstacles: Vec<Obstacle>,
     fence: Option<Shape>,
+    /// Each with its limit \[m/s\].
+    zones: Vec<(Shape, f64)>,
 }
 
 impl Clear {
@@ -42,11 +50,12 @@ impl Clear {
             counted == Counted::All || x.hypot(y) <= STANDS_MPS
         };
         let obstacles = map.obstacles.iter().chain(seen.iter().filter(counts)).copied().collect();
-        Self { footprint, obstacles, fence: map.fence }
+        Self { footprint, obstacles, fence: map.fence, zones: map.zones.clone() }
     }
 
     /// The motions from `begin` to `to`: straight if nothing is in the way. Otherwise the robot
-    /// stops, then drives around the obstacles, and turns on the last part of the way.
+    /// stops, then drives around the obstacles and slower in zones, and turns on the last part of
+    /// the way.
     pub(super) fn motions(
         &self,
         begin: &Moment,
@@ -54,7 +63,8 @@ impl Clear {
         limits: &Limits,
     ) -> Result<Vec<Motion>, MotionError> {
         let straight = to_pose(begin, to, limits)?;
-        if self.allows(&straight) {
+        let is_clear = self.allows(&straight);
+        if is_clear && self.is_slow_in_zones(&straight) {
             return Ok(vec![straight]);
         }
         let ground = self.ground();
@@ -65,14 +75,35 @@ impl Clear {
         }
         let stop = to_standstill(begin, limits)?;
         let from = stop.at(stop.duration_s()).pose;
-        let corners = route([from[0], from[1]], [to[0], to[1]], &ground)?;
-        let without_yaw = |position| Waypoint { position, yaw: None };
-        let mut points = vec![without_yaw([from[0], from[1]])];
-        points.extend(corners.into_iter().map(without_yaw));
+        let target = [to[0], to[1]];
+        let corners =
+            if is_clear { vec![target] } else { route([from[0], from[1]], target, &ground)? };
+        let mut points = vec![Waypoint::at([from[0], from[1]])];
+        points.extend(corners.into_iter().map(Waypoint::at));
         if let Some(last) = points.last_mut() {
             last.yaw = Some(to[2]);
         }
-        Ok(vec![stop, along(from, &points, Heading::Given, limits)?])
+        let path = along(from, &points, Heading::Given, limits, |pose| self.speed_at(pose))?;
+        Ok(vec![stop, path])
+    }
+
+    /// Largest speed of the robot at `pose`, by the zones \[m/s\].
+    pub(super) fn speed_at(&self, pose: &[f64; 3]) -> f64 {
+        if self.zones.is_empty() {
+            return f64::INFINITY;
+        }
+        let placed = self.footprint.shape().grown(self.footprint.clearance_m).placed(pose);
+        let touched =
+            self.zones.iter().filter(|(zone, _)| placed.separation(zone).distance_m <= 0.0);
+        touched.map(|&(_, limit)| limit).fold(f64::INFINITY, f64::min)
+    }
+
+    fn is_slow_in_zones(&self, motion: &Motion) -> bool {
+        self.zones.is_empty()
+            || checks(motion).all(|at_s| {
+                let Moment { pose, velocity: [x, y, _], .. } = motion.at(at_s);
+                x.hypot(y) <= self.speed_at(&pose)
+            })
     }
 
     /// Whether the robot does not touch anything on `motion`.
@@ -81,11 +112,7 @@ impl Clear {
             return true;
         }
         let shape = self.footprint.shape().grown(self.footprint.clearance_m);
-        let checks = (motion.duration_s() / CHECK_EVERY_S).ceil() as usize;
-        (0..=checks).all(|check| {
-            let pose = motion.at(check as f64 * CHECK_EVERY_S).pose;
-            self.room(&shape, &pose) >= 0.0
-        })
+        checks(motion).all(|at_s| self.room(&shape, &motion.at(at_s).pose) >= 0.0)
     }
 
     /// Whether the robot touches nothing at any of `poses`.

@@ -113,14 +113,13 @@ impl Kept {
 mod tests {
     use super::super::tests::driving;
     use super::*;
-    use motion::limits::Stated;
     use robot::{Obstacle, Shape};
     use std::error::Error;
 
     const PERIOD_S: f64 = 0.02;
 
     fn to_pose() -> GoalRequest {
-        GoalRequest { goal: Demand::Pose { to: [4.0, 0.0, 0.0] }, limits: Stated::default() }
+        GoalRequest::of(Demand::Pose { to: [4.0, 0.0, 0.0] })
     }
 
     fn followed() -> Result<(Keeper, Course), Box<dyn Error>> {

@@ -40,7 +40,7 @@ impl Scheduled {
     }
 
     fn request(&self) -> GoalRequest {
-        GoalRequest { goal: self.goal.clone(), limits: self.limits }
+        GoalRequest { limits: self.limits, ..GoalRequest::of(self.goal.clone()) }
     }
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use robot::Shape;
 use std::error::Error;
 
 type Outcome = Result<(), Box<dyn Error>>;
@@ -26,13 +27,13 @@ pub(super) fn driving() -> Outlook {
 }
 
 fn course(demand: Demand, outlook: &Outlook) -> Result<Course, GoalError> {
-    let request = GoalRequest { goal: demand, limits: Stated::default() };
+    let request = GoalRequest::of(demand);
     Course::new(&request, 1, outlook, &Robot::example(), &Surroundings::default(), PERIOD_S)
 }
 
 fn demands() -> Vec<Demand> {
     let points = [[0.6, 0.0], [1.5, 1.0], [3.0, 1.0]];
-    let points = points.map(|position| Waypoint { position, yaw: None }).to_vec();
+    let points = points.map(Waypoint::at).to_vec();
     vec![
         Demand::Hold {},
         Demand::Pose { to: [2.0, 1.0, 1.5] },
@@ -70,6 +71,35 @@ fn a_goal_continues_the_reference_without_a_jump_and_ends_at_rest() -> Outcome {
 }
 
 #[test]
+fn a_goal_keeps_the_speed_of_a_zone() -> Outcome {
+    let (robot, limit) = (Robot::example(), 0.3);
+    let zone = Shape::hull(&[[2.0, -1.0], [3.0, -1.0], [3.0, 1.0], [2.0, 1.0]], 0.0)?;
+    let map = Surroundings { zones: vec![(zone, limit)], ..Surroundings::default() };
+    let standing = Outlook { velocity: [0.0; 3], points: Vec::new(), ..driving() };
+    let path = Demand::Path {
+        points: vec![Waypoint::at([0.1, 0.0]), Waypoint::at([5.0, 0.0])],
+        heading: Heading::Keep,
+    };
+    for demand in [Demand::Pose { to: [5.0, 0.0, 0.0] }, path] {
+        let request = GoalRequest::of(demand);
+        for outlook in [&driving(), &standing] {
+            let course = Course::new(&request, 1, outlook, &robot, &map, PERIOD_S)?;
+            let ticks = outlook.tick..course.goal.ends_at_tick;
+            let points: Vec<_> = ticks.map(|tick| course.reference.at(tick)).collect();
+            let speed = |point: &ReferencePoint| point.velocity[0].hypot(point.velocity[1]);
+            let touches = |point: &&ReferencePoint| {
+                robot.footprint().shape().placed(&point.pose).separation(&zone).distance_m <= 0.0
+            };
+            let inside = points.iter().filter(touches).map(speed).fold(0.0, f64::max);
+            assert!((0.2..=limit + 1e-6).contains(&inside), "{request:?}: {inside} m/s");
+            let fastest = points.iter().map(speed).fold(0.0, f64::max);
+            assert!(fastest > 2.0 * limit, "{request:?}: {fastest} m/s outside of the zone");
+        }
+    }
+    Ok(())
+}
+
+#[test]
 fn a_robot_that_is_far_from_its_reference_begins_where_it_is() -> Outcome {
     let mut outlook = driving();
     (outlook.pose, outlook.velocity) = ([5.0, 5.0, 1.0], [0.0; 3]);
@@ -82,20 +112,23 @@ fn a_robot_that_is_far_from_its_reference_begins_where_it_is() -> Outcome {
 fn a_request_is_the_same_after_its_text() -> Outcome {
     for goal in demands() {
         let limits = Stated { speed_mps: Some(0.4), ..Stated::default() };
-        let request = GoalRequest { goal, limits };
+        let request = GoalRequest { goal, limits, valid_s: Some(2.5) };
         assert_eq!(GoalRequest::parse(&request.text())?, request);
     }
     Ok(())
 }
 
 #[test]
-fn a_velocity_that_is_taken_after_its_time_is_refused_and_a_pose_is_not() {
+fn a_goal_that_is_taken_after_its_time_is_refused() {
     for goal in demands() {
         let is_velocity = goal.kind() == GoalKind::Velocity;
-        let request = GoalRequest { goal, limits: Stated::default() };
+        let request = GoalRequest::of(goal);
         assert!(request.check_age(1.9).is_ok());
         let late = request.check_age(2.1);
         assert_eq!(matches!(late, Err(GoalError::Ended { .. })), is_velocity, "{request:?}");
+        let soon = GoalRequest { valid_s: Some(0.5), ..request };
+        assert!(soon.check_age(0.4).is_ok());
+        assert!(matches!(soon.check_age(0.6), Err(GoalError::Ended { .. })), "{soon:?}");
     }
 }
 
@@ -109,11 +142,14 @@ fn goals_that_no_robot_can_do_are_refused() {
     assert!(matches!(refused(slow), Some(GoalError::Limit { key: "speed_mps", .. })));
     let forever = "[goal.velocity]\nvelocity = [0.1, 0.0, 0.0]\nvalid_s = 1e9";
     assert!(matches!(refused(forever), Some(GoalError::Validity { .. })));
+    let never = "valid_s = 0.0\n[goal.hold]";
+    assert!(matches!(refused(never), Some(GoalError::BeginsWithin { .. })));
 
     let far = course(Demand::Pose { to: [f64::NAN, 0.0, 0.0] }, &driving()).err();
     assert!(matches!(far, Some(GoalError::Motion(MotionError::NotFinite { .. }))));
     let slow = Stated { speed_mps: Some(1e-3), ..Stated::default() };
-    let request = GoalRequest { goal: Demand::Pose { to: [900.0, 0.0, 0.0] }, limits: slow };
+    let request =
+        GoalRequest { limits: slow, ..GoalRequest::of(Demand::Pose { to: [900.0, 0.0, 0.0] }) };
     let long =
         Course::new(&request, 1, &driving(), &Robot::example(), &Surroundings::default(), PERIOD_S)
             .err();

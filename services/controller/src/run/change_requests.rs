@@ -36,6 +36,21 @@ enum Refusal {
     Over,
 }
 
+impl Refusal {
+    /// Its kind, for programs.
+    fn code(&self) -> &'static str {
+        match self {
+            Self::NotAsked(error) => error.code(),
+            Self::Change(error) => error.code(),
+            Self::Controller(_) => "value",
+            Self::Goal(error) => error.code(),
+            Self::Late { .. } => "late",
+            Self::NoState { .. } => "no-state",
+            Self::Over => "run-ended",
+        }
+    }
+}
+
 /// A request that the control thread has not put in use yet.
 enum UnderWay {
     Change { settings: Box<Settings>, taken_at_tick: u64, ready_at_tick: u64 },
@@ -145,7 +160,7 @@ impl ChangeRequests {
     }
 
     fn refuse(&mut self, refusal: &Refusal) {
-        self.inbox.answer(Outcome::Refused { reason: refusal.to_string() });
+        self.inbox.answer(Outcome::refused(refusal.code(), refusal));
     }
 
     fn answer_exchanged(&mut self, handover: &Handover) {

@@ -8,7 +8,6 @@ use crate::joined::{JoinError, Joined};
 use crate::set::request;
 use controller::goal::{Demand, GoalRequest};
 use gate::Order;
-use motion::limits::Stated;
 use process::requests::{Asked, Outcome};
 use protocol::message::{GateState, Goal, Participant, PlantState};
 use std::path::Path;
@@ -122,8 +121,10 @@ impl Steering {
             (Some(Outcome::Applied { .. }), _) => {
                 Some("stopped; `coxswain resume` lets the robot drive again".to_owned())
             }
-            (Some(Outcome::Refused { reason }), _) => Some(format!("stop rejected: {reason}")),
-            (None, Some(Outcome::Refused { reason })) => Some(format!("goal rejected: {reason}")),
+            (Some(Outcome::Refused { reason, .. }), _) => Some(format!("stop rejected: {reason}")),
+            (None, Some(Outcome::Refused { reason, .. })) => {
+                Some(format!("goal rejected: {reason}"))
+            }
             (None, Some(Outcome::Applied { .. })) => {
                 self.told = None;
                 None
@@ -182,7 +183,7 @@ impl Steering {
     }
 
     fn give(&mut self, goal: Demand, now: Instant) -> Result<(), DriveError> {
-        let goal = GoalRequest { goal, limits: Stated::default() };
+        let goal = GoalRequest::of(goal);
         let asked = request(&self.joined.folder, Participant::Controller, &goal.text())?;
         self.goal_asked = Some((asked, now));
         Ok(())

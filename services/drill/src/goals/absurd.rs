@@ -113,7 +113,7 @@ fn is_refused(session: &Session, number: u64, stop: &Stop) -> Result<bool, Troub
         outcome = settled.map(|settled| settled.answer.outcome);
         Ok(outcome.is_some())
     })?;
-    Ok(matches!(outcome, Some(Outcome::Refused { .. })))
+    Ok(matches!(outcome, Some(Outcome::Refused { code, .. }) if !code.is_empty()))
 }
 
 /// Number of kinds of [`absurd`] goals.

@@ -83,7 +83,7 @@ impl StopButton {
         let settled = self.request()?.wait(PATIENCE, may).ok_or(StopError::NoAnswer)?;
         match settled.answer.outcome {
             Outcome::Applied { acts_from_tick, .. } => Ok(acts_from_tick),
-            Outcome::Refused { reason } => Err(StopError::Rejected { reason }),
+            Outcome::Refused { reason, .. } => Err(StopError::Rejected { reason }),
         }
     }
 

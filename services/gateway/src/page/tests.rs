@@ -276,7 +276,7 @@ fn the_stop_button_orders_a_stop_and_reports_the_reply_of_the_plant() -> Outcome
     let run = Run::new(folder.path(), 100_000_000, links);
     let followed =
         Reply::Applied { plant_epoch: 1, taken_at_tick: 7, ready_at_tick: 7, acts_from_tick: 7 };
-    let refused = Reply::Refused { reason: "the run has ended".into() };
+    let refused = Reply::refused("run-ended", &"the run has ended");
     for (reply, expected) in [(followed, 200), (refused, 409)] {
         let mut plant = Inbox::open(&run, Participant::Plant);
         let plant = thread::spawn(move || {

@@ -28,6 +28,16 @@ pub enum NotAsked {
     NotARequest(#[source] io::Error),
 }
 
+impl NotAsked {
+    /// Its kind, for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::LockStep => "lock-step",
+            Self::NotARequest(_) => "syntax",
+        }
+    }
+}
+
 /// The requests to one process.
 #[derive(Debug)]
 pub struct Inbox {
@@ -87,7 +97,7 @@ impl Inbox {
             Outcome::Applied { acts_from_tick, .. } => {
                 tracing::info!(number, acts_from_tick, "set");
             }
-            Outcome::Refused { reason } => tracing::info!(number, %reason, "not set"),
+            Outcome::Refused { reason, .. } => tracing::info!(number, %reason, "not set"),
         }
         let file = answer_file(&self.folder, self.role, number);
         let answer = Answer { user: self.user, answered_nanos: monotonic_nanos(), outcome };

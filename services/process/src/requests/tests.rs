@@ -56,7 +56,7 @@ fn every_request_is_read_once_and_in_order_and_its_reply_is_found()
     assert_eq!(asked[0].answer(), None);
     inbox.answer(APPLIED);
     assert_eq!(next(&mut inbox).ok_or("no request")??.change, "gain = 2.0");
-    inbox.answer(Outcome::Refused { reason: "no".into() });
+    inbox.answer(Outcome::refused("value", &"no"));
     assert!(next(&mut inbox).is_none());
     assert_eq!(
         Answers::all(folder.path())
@@ -76,7 +76,7 @@ fn every_request_is_read_once_and_in_order_and_its_reply_is_found()
         replies,
         [
             (1, "gain = 1.0".to_owned(), APPLIED),
-            (2, "gain = 2.0".to_owned(), Outcome::Refused { reason: "no".into() })
+            (2, "gain = 2.0".to_owned(), Outcome::refused("value", &"no"))
         ]
     );
     Ok(())
@@ -89,8 +89,7 @@ fn a_restarted_process_applies_the_earlier_changes_and_reads_the_open_requests()
     welcome(folder.path())?;
     let run = run(folder.path(), Pace::RealTime);
     let mut inbox = Inbox::open(&run, Participant::Controller);
-    for (gain, outcome) in
-        [(1.0, APPLIED), (2.0, APPLIED), (3.0, Outcome::Refused { reason: "no".into() })]
+    for (gain, outcome) in [(1.0, APPLIED), (2.0, APPLIED), (3.0, Outcome::refused("value", &"no"))]
     {
         ask(folder.path(), Participant::Controller, &request(&format!("gain = {gain:?}")))?;
         drop(next(&mut inbox).ok_or("no request")??);

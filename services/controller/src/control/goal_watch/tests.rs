@@ -1,7 +1,6 @@
 use super::super::tests::{Robotic, answer, state, told};
 use crate::goal::{Course, Demand, GoalRequest, Outlook};
 use model::State;
-use motion::limits::Stated;
 use protocol::message::{GateState, Goal, GoalPhase};
 use robot::Surroundings;
 use std::error::Error;
@@ -24,7 +23,7 @@ fn course_of(robot: &Robotic, id: u64, goal: Demand) -> Result<Course, Box<dyn E
     let mut outlook = Outlook::with_room(100);
     let heap = allocation_counter::measure(|| assert!(robot.controller.look_out(&mut outlook)));
     assert_eq!(heap.count_total, 0, "{} bytes", heap.bytes_total);
-    let request = GoalRequest { goal, limits: Stated::default() };
+    let request = GoalRequest::of(goal);
     Ok(Course::new(&request, id, &outlook, &told().robot, &Surroundings::default(), PERIOD_S)?)
 }
 
