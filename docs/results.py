@@ -125,8 +125,9 @@ def table(rows):
         recoveries.setdefault(column, []).extend(recovery)
         if coverage:
             coverages.setdefault(column, {})[scenario] = mean_of(coverage)
-            shares = [of / rms for of, rms in zip(half_width, residual)]
-            widths.setdefault(column, []).append(shares)
+            if half_width:
+                shares = [of / rms for of, rms in zip(half_width, residual)]
+                widths.setdefault(column, []).append(shares)
     columns.sort(key=lambda column: (ALL.index(column[0]), column[1]))
     scenarios = sorted({scenario for scenario, _ in cells})
     name = {OURS: "ours", "feedforward-p": "ff+P"}
@@ -214,7 +215,8 @@ def table(rows):
     lines.append(line("above the bar of no harm: cells; trials", harm))
     lines.append(line("payload: back after, median; worst \\[s\\]", back))
     lines.append(line("coverage within 93 to 97 %; least \\[%\\]", covered))
-    lines.append(line("half width of the interval, of the residual's RMS; forward / left / yaw", width))
+    if widths:
+        lines.append(line("half width of the interval, of the residual's RMS, by axis", width))
     return "\n".join(lines)
 
 

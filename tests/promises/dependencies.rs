@@ -1,7 +1,9 @@
-//! Promise: every dependency comes from crates.io, under a permissive licence.
+//! Promise: every dependency comes from crates.io, under a permissive licence. A robot's driver
+//! needs few of them.
 
 use promises::{Outcome, repository};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::process::Command;
 
@@ -51,6 +53,26 @@ fn every_dependency_is_permissive_and_from_the_public_registry() -> Outcome {
         let is_public = source.is_none_or(|source| source.contains("rust-lang/crates.io-index"));
         assert!(is_public, "{name}: {source:?}");
     }
+    Ok(())
+}
+
+/// The crates that a crate of ours is built from, itself included.
+fn crates_of(package: &str) -> Result<BTreeSet<String>, Box<dyn Error>> {
+    let output = Command::new(env!("CARGO"))
+        .current_dir(repository())
+        .args(["tree", "--locked", "-p", package, "-e", "normal", "--prefix", "none"])
+        .output()?;
+    let tree = String::from_utf8(output.stdout)?;
+    Ok(tree.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect())
+}
+
+#[test]
+fn gate_and_driver_need_at_most_sixty_crates_beside_iceoryx2() -> Outcome {
+    let (driver, gate, iceoryx2) =
+        (crates_of("driver")?, crates_of("gate")?, crates_of("iceoryx2")?);
+    assert!(iceoryx2.len() > 10 && driver.is_superset(&gate), "{iceoryx2:?}");
+    let own: Vec<&String> = driver.difference(&iceoryx2).collect();
+    assert!(own.len() <= 60, "{} crates: {own:?}", own.len());
     Ok(())
 }
 

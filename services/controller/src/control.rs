@@ -540,7 +540,7 @@ impl Controller {
         self.plant_epoch = Some(state.stamp.epoch);
         self.before = None;
         self.watch.reset();
-        self.knowledge.reset();
+        self.knowledge.reset(state.input_delay_s);
         self.guard.reset();
         self.planner.reset();
         self.goal.abort();

@@ -118,7 +118,7 @@ impl Knowledge {
         let is_usable = self.first_response.begin_with(&identified.response)
             && (identified.physics.as_ref())
                 .is_none_or(|found| self.explanations.begin_with(found));
-        self.reset();
+        self.reset(0.0);
         is_usable
     }
 
@@ -286,10 +286,12 @@ impl Knowledge {
         State { pose: self.pose.estimate(), velocity: self.velocity, acted: self.acted }
     }
 
-    /// Resets all but the learned model: another robot, or the same one moved to another place.
-    pub fn reset(&mut self) {
+    /// Resets all but the learned model: another robot, or the same one moved to another place. Its
+    /// driver reports this dead time \[s\]; 0 is none.
+    pub fn reset(&mut self, reported_dead_time_s: f64) {
         self.residual = [0.0; AXES];
         self.response.clone_from(&self.first_response);
+        self.response.begin_at_dead_time(reported_dead_time_s);
         self.explanations.reset(self.response.response());
     }
 

@@ -279,11 +279,24 @@ impl ResponseEstimator {
     /// Begins with the compared dead time that is nearest to this one \[s\].
     #[must_use]
     pub fn with_dead_time(mut self, dead_time_s: f64) -> Self {
+        self.believed = self.nearest(dead_time_s);
+        self
+    }
+
+    /// Begins with the compared dead time that is nearest to one that the driver reports \[s\].
+    /// Without effect for 0, which is no report, for one that cannot be, and where an earlier run
+    /// has identified the response.
+    pub fn begin_at_dead_time(&mut self, reported_s: f64) {
+        if self.taken == 0 && reported_s > 0.0 && reported_s.is_finite() {
+            self.believed = self.nearest(reported_s);
+        }
+    }
+
+    /// Index of the dead time nearest to this one \[s\].
+    fn nearest(&self, dead_time_s: f64) -> usize {
         let periods = dead_time_s / self.main.period;
         let apart = |index: &usize| (DEAD_TIMES[*index] - periods).abs();
-        let nearest = (0..DEAD_TIMES.len()).min_by(|a, b| apart(a).total_cmp(&apart(b)));
-        self.believed = nearest.unwrap_or(0);
-        self
+        (0..DEAD_TIMES.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0)
     }
 
     /// The response identified so far. Allocates.

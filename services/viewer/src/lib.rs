@@ -254,7 +254,7 @@ impl Lines {
                 self.exposures.extend(health.participant().map(|who| (who, health.exposure())));
                 None
             }
-            Heard::Goal(_) => None,
+            Heard::Goal(_) | Heard::Obstacles(_) => None,
         }
     }
 }

@@ -139,6 +139,21 @@ fn a_plant_of_another_epoch_begins_without_memory() -> Result<(), Box<dyn std::e
     Ok(())
 }
 
+#[test]
+fn a_dead_time_that_the_driver_reports_is_compensated_from_the_start()
+-> Result<(), Box<dyn std::error::Error>> {
+    let mut controller = controller()?;
+    for (epoch, reported_s, periods) in
+        [(1, 0.2, 2), (2, 0.0, 0), (3, f64::NAN, 0), (4, -0.3, 0), (5, 0.5, 5)]
+    {
+        let mut first = state(0);
+        (first.stamp.epoch, first.input_delay_s) = (epoch, reported_s);
+        answer(&mut controller, &first);
+        assert_eq!(controller.knowledge().delay().whole(), periods, "{reported_s} s");
+    }
+    Ok(())
+}
+
 const PERIOD_NANOS: u64 = 100_000_000;
 
 /// A robot that matches the belief, behind its gate.

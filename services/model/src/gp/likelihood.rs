@@ -3,7 +3,7 @@
 //! | here             | in the equations                  | size      |
 //! |------------------|-----------------------------------|-----------|
 //! | `targets`        | y                                 | `n`       |
-//! | `covariance`     | K = S + λ² G + P ([`covariance`](super::covariance)) | `n` × `n` |
+//! | `covariance`     | K = S + λ² G + P, its parts       | `n` × `n` |
 //! | `noise_scale`    | s: noise of a sample over σₙ²     | `n`       |
 //! | `factor`         | L, L Lᵀ = C = K + σₙ² diag(s)     | `n` × `n` |
 //! | `inverse`        | C⁻¹                               | `n` × `n` |
@@ -18,7 +18,8 @@
 //! ∂/∂ ln λ² = −½ λ² Σᵢⱼ Wᵢⱼ Gᵢⱼ,   ∂/∂ ln σₙ² = −½ σₙ² Σᵢ Wᵢᵢ sᵢ
 //! ```
 //!
-//! Only the lower halves are ever formed.
+//! S is the squared-exponential part of K, G = 1 + X Xᵀ that of the linear part, and P the place
+//! part. Only the lower halves are ever formed.
 //!
 //! Reference: Rasmussen & Williams 2006, eqs. 5.8 and 5.9.
 

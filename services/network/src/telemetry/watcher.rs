@@ -6,7 +6,7 @@ use crate::reason::first_line;
 use crate::threads::Client;
 use access::Credentials;
 use protocol::frame::DecodeError;
-use protocol::message::{Goal, Health, Plan, PlantState};
+use protocol::message::{Goal, Health, Obstacles, Plan, PlantState};
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -28,6 +28,8 @@ pub enum Heard {
     Health(Box<Health>),
     /// The present goal.
     Goal(Box<Goal>),
+    /// The obstacles that one source knows.
+    Obstacles(Box<Obstacles>),
 }
 
 /// A received message, and its robot.
@@ -41,7 +43,7 @@ pub struct Word {
     pub said: Heard,
 }
 
-/// Receives states, plans and health of the robots at one endpoint.
+/// Receives states, plans, health, goals and obstacles of the robots at one endpoint.
 pub struct Watcher {
     samples: Subscriber<RingChannelHandler<Sample>>,
     session: Client,
@@ -123,6 +125,7 @@ fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
         Some(Topic::Plan) => Heard::Plan(Box::new(decoded(&bytes)?)),
         Some(Topic::Health) => Heard::Health(Box::new(decoded(&bytes)?)),
         Some(Topic::Goal) => Heard::Goal(Box::new(decoded(&bytes)?)),
+        Some(Topic::Obstacles) => Heard::Obstacles(Box::new(decoded(&bytes)?)),
         _ => return Ok(None),
     };
     let period =

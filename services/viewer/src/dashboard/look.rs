@@ -49,6 +49,11 @@ impl Look {
         self.colour(Color::Green)
     }
 
+    /// Colour of obstacles.
+    pub fn obstacle(self) -> Color {
+        self.colour(Color::Yellow)
+    }
+
     /// Colour of values before learning, and of a bad status.
     pub fn bad(self) -> Color {
         self.colour(Color::Red)

@@ -5,7 +5,8 @@ use super::trail::Trail;
 use crate::presence::Presence;
 use network::telemetry::{Heard, Word};
 use protocol::message::{
-    Exposure, FallbackLevel, Goal, Health, Participant, Plan, PlantState, Reason,
+    Exposure, FallbackLevel, Goal, GoalPhase, Health, ObstacleSource, Obstacles, Participant, Plan,
+    PlantState, Reason,
 };
 use protocol::topic::Topic;
 use std::collections::BTreeMap;
@@ -16,6 +17,9 @@ const WELCOME: Duration = Duration::from_secs(5);
 
 /// Time over which the one-step errors are averaged \[s\].
 pub const RECENT_S: f64 = 5.0;
+
+/// Time after its validity for which a list of obstacles is still shown.
+const SHOWN_AFTER: Duration = Duration::from_secs(1);
 
 /// Largest number of stored events.
 const EVENTS_MAX: usize = 50;
@@ -62,6 +66,15 @@ pub struct Losses {
     pub dropped: u64,
 }
 
+/// The last list of obstacles of one source.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeenObstacles {
+    /// The list.
+    pub list: Box<Obstacles>,
+    /// When it was received.
+    pub heard: Instant,
+}
+
 /// Everything that is known of one robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
@@ -77,6 +90,8 @@ pub struct Picture {
     pub plan: Option<Box<Plan>>,
     /// The present goal, or the last one.
     pub goal: Option<Goal>,
+    /// Obstacles, by source.
+    pub obstacles: BTreeMap<ObstacleSource, SeenObstacles>,
     /// Past positions \[m\].
     pub path: Trail<[f64; 2]>,
     /// Past reference positions \[m\].
@@ -105,6 +120,7 @@ impl Picture {
             state: None,
             plan: None,
             goal: None,
+            obstacles: BTreeMap::new(),
             path: Trail::default(),
             reference: Trail::default(),
             error: Trail::default(),
@@ -128,14 +144,32 @@ impl Picture {
             Heard::Plan(plan) => self.hear_plan(plan),
             Heard::Health(health) => self.hear_health(health, now),
             Heard::Goal(goal) => self.hear_goal(*goal),
+            Heard::Obstacles(list) => {
+                self.obstacles.insert(list.source(), SeenObstacles { list, heard: now });
+            }
         }
     }
 
-    /// Lets time pass: a robot that has been silent for too long is lost.
+    /// Lets time pass: a robot that has been silent for too long is lost, and old lists of
+    /// obstacles are no longer shown.
     pub fn look(&mut self, now: Instant) {
         if self.presence.falls_silent(now) {
             self.note("lost: no message from the robot".to_owned());
         }
+        self.obstacles.retain(|_, seen| {
+            let valid = Duration::try_from_secs_f64(seen.list.valid_s).unwrap_or_default();
+            now.saturating_duration_since(seen.heard) <= valid.saturating_add(SHOWN_AFTER)
+        });
+    }
+
+    /// Target of the goal that the robot is on the way to, or stands at \[m\].
+    pub fn target(&self) -> Option<[f64; 2]> {
+        let goal = self
+            .goal
+            .as_ref()
+            .filter(|goal| matches!(goal.phase(), GoalPhase::Active | GoalPhase::Reached))?;
+        let [x, y, _] = goal.target;
+        (x.is_finite() && y.is_finite()).then_some([x, y])
     }
 
     /// Whether the robot is present at `now`.
@@ -283,6 +317,7 @@ impl Picture {
         self.error.clear();
         self.one_step.clear();
         self.tick_nanos.clear();
+        self.obstacles.clear();
         self.plan = None;
     }
 
@@ -393,6 +428,18 @@ mod tests {
             "{:?}",
             picture.events
         );
+    }
+
+    #[test]
+    fn obstacles_are_shown_until_their_list_is_too_old() {
+        let begin = Instant::now();
+        let mut picture = Picture::new("");
+        picture.hear(specimen::state(1), begin);
+        picture.hear(specimen::obstacles(), begin);
+        picture.look(at(begin, 1400));
+        assert_eq!(picture.obstacles.len(), 1);
+        picture.look(at(begin, 1600));
+        assert!(picture.obstacles.is_empty());
     }
 
     #[test]

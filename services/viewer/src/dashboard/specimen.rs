@@ -2,7 +2,9 @@
 
 use super::picture::Picture;
 use network::telemetry::{Heard, Word};
-use protocol::message::{FallbackLevel, Health, Participant, Phase, Plan, PlantState};
+use protocol::message::{
+    FallbackLevel, Goal, GoalPhase, Health, Obstacles, Participant, Phase, Plan, PlantState,
+};
 use protocol::topic::Topic;
 use std::time::Instant;
 
@@ -62,6 +64,22 @@ pub(crate) fn health(who: Participant) -> Word {
         health.set_last_error("the fit was given up");
     }
     word(Heard::Health(health))
+}
+
+/// A disc of 0.3 m at (1, 1), valid for half a second.
+pub(crate) fn obstacles() -> Word {
+    let mut list: Box<Obstacles> = Box::new(bytemuck::Zeroable::zeroed());
+    (list.valid_s, list.count) = (0.5, 1);
+    list.obstacles[0] = [1.0; protocol::message::OBSTACLE_NUMBERS];
+    (list.obstacles[0][0], list.obstacles[0][1], list.obstacles[0][2]) = (0.0, 0.0, 0.3);
+    word(Heard::Obstacles(list))
+}
+
+/// A goal at (0, 0) that the robot is on the way to.
+pub(crate) fn goal() -> Word {
+    let mut goal: Box<Goal> = Box::new(bytemuck::Zeroable::zeroed());
+    (goal.id, goal.phase) = (4, GoalPhase::Active.code());
+    word(Heard::Goal(goal))
 }
 
 /// Its picture after 12.3 s, at `now`.

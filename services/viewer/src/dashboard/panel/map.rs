@@ -1,14 +1,15 @@
-//! The present, past, reference and predicted positions of the robot.
+//! The present, past, reference and predicted positions of the robot, its goal, and obstacles.
 
 use super::super::picture::Picture;
 use super::super::view::MapWindow;
 use super::{Scene, block};
+use protocol::message::OBSTACLE_NUMBERS;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Color;
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::canvas::{Canvas, Context, Line as Stroke, Points};
+use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
 use std::f64::consts::FRAC_PI_4;
 
 /// Dots of a cell in braille.
@@ -19,6 +20,8 @@ const HEADING_DOTS: f64 = 8.0;
 const ARROWS: [&str; 8] = ["→", "↗", "↑", "↖", "←", "↙", "↓", "↘"];
 /// Smallest width of the map of the whole path \[m\].
 const ACROSS_MIN_M: f64 = 1.0;
+/// Smallest width of a map that has room for the legend of obstacles \[cells\].
+const OBSTACLE_LEGEND_WIDTH: u16 = 56;
 /// Margin around the whole path, as a factor.
 const MARGIN: f64 = 1.1;
 
@@ -47,16 +50,22 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, window: 
         MapWindow::Whole => format!(" Map: whole path, {across} m across "),
     };
     let look = scene.look;
-    let legend = Line::from(vec![
+    let mut legend = vec![
         Span::raw(" ⠤ driven "),
         Span::styled("· reference ", look.reference()),
         Span::styled("o predicted ", look.good()),
-    ]);
+    ];
+    if scene.picture.target().is_some() {
+        legend.push(Span::styled("x goal ", look.strong()));
+    }
+    if !scene.picture.obstacles.is_empty() && area.width >= OBSTACLE_LEGEND_WIDTH {
+        legend.push(Span::styled("⠶ obstacle ", look.obstacle()));
+    }
     let [x, y] = [0, 1].map(|axis| {
         [extent.centre[axis] - extent.half[axis], extent.centre[axis] + extent.half[axis]]
     });
     let canvas = Canvas::default()
-        .block(block(title, look).title_bottom(legend))
+        .block(block(title, look).title_bottom(Line::from(legend)))
         .marker(Marker::Braille)
         .x_bounds(x)
         .y_bounds(y)
@@ -66,6 +75,11 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, window: 
 
 fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
     let (picture, look) = (scene.picture, scene.look);
+    for seen in picture.obstacles.values() {
+        for numbers in seen.list.rows().iter().filter(|numbers| is_finite(numbers.as_slice())) {
+            paint_obstacle(context, numbers, look.obstacle());
+        }
+    }
     let reference: Vec<(f64, f64)> = picture.reference.all().map(|(_, [x, y])| (x, y)).collect();
     context.draw(&Points { coords: &reference, color: look.reference() });
     context.layer();
@@ -97,11 +111,27 @@ fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
             );
         }
     }
+    if let Some([x, y]) = picture.target() {
+        context.print(x + right, y - down, Span::styled("x", look.strong()));
+    }
     if let Some(state) = picture.state.as_ref().filter(|state| is_finite(&state.pose)) {
         let [x, y, yaw] = state.pose;
         let ahead = HEADING_DOTS * extent.dot_m;
         context.draw(&stroke([x, y], [x + ahead * yaw.cos(), y + ahead * yaw.sin()], Color::Reset));
         context.print(x + right, y - down, Span::styled(arrow(yaw), look.strong()));
+    }
+}
+
+/// The outline of an obstacle: the circles around its corners, and the lines between these.
+fn paint_obstacle(context: &mut Context<'_>, numbers: &[f64; OBSTACLE_NUMBERS], color: Color) {
+    let [_, _, radius, ref corners @ ..] = *numbers;
+    let mut corners: Vec<[f64; 2]> = corners.as_chunks().0.to_vec();
+    // Unused corners repeat the last one.
+    corners.dedup();
+    for (index, &corner) in corners.iter().enumerate() {
+        let [x, y] = corner;
+        context.draw(&Circle { x, y, radius, color });
+        context.draw(&stroke(corner, corners[(index + 1) % corners.len()], color));
     }
 }
 
@@ -115,6 +145,7 @@ impl Extent {
             MapWindow::Whole => {
                 let places =
                     picture.path.all().chain(picture.reference.all()).map(|(_, place)| place);
+                let places = places.chain(picture.target());
                 let (low, high) = places.fold((robot, robot), |(low, high), place| {
                     (
                         [low[0].min(place[0]), low[1].min(place[1])],

@@ -124,6 +124,25 @@ fn two_hundred_by_sixty_is_used() -> Result<(), Infallible> {
 }
 
 #[test]
+fn the_map_shows_the_goal_and_obstacles() -> Result<(), Infallible> {
+    let begin = Instant::now();
+    let mut picture = specimen::picture(begin);
+    let yellow = |view: &View| -> Result<usize, Infallible> {
+        let cells = cells(view, Look::Coloured, (200, 60), begin)?;
+        Ok(cells.content().iter().filter(|cell| cell.fg == Color::Yellow).count())
+    };
+    let before = yellow(&View::new(picture.clone()))?;
+    picture.hear(specimen::goal(), begin);
+    picture.hear(specimen::obstacles(), begin);
+    let view = View::new(picture);
+    assert_all(&text(&view, (200, 60), begin)?, &["x goal ⠶ obstacle ", "x"]);
+    assert_all(&text(&view, (80, 24), begin)?, &["x goal"]);
+    let outline = yellow(&view)? - before - "⠶ obstacle ".chars().count();
+    assert!((4..200).contains(&outline), "{outline} cells");
+    Ok(())
+}
+
+#[test]
 fn every_frame_is_closed_at_every_size() -> Result<(), Infallible> {
     let begin = Instant::now();
     let view = View::new(specimen::picture(begin));
