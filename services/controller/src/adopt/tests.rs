@@ -158,6 +158,11 @@ const DAMAGES: &[Damage] = &[
         |refusal| absurd("linear_variance")(refusal),
     ),
     (
+        "a place variance in a layout without the place",
+        |bad| bad.head.place_variance[1] = 0.01,
+        |refusal| absurd("place_variance")(refusal),
+    ),
+    (
         "no noise at all",
         |bad| bad.head.noise_variance[2] = 0.0,
         |refusal| absurd("noise_variance")(refusal),

@@ -45,23 +45,21 @@
 //! # Ok::<(), model::gp::posterior::PosteriorError>(())
 //! ```
 
+mod block;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::traits::pulp::Arch;
 use faer::{Mat, MatMut, Par};
-use std::ops::Range;
 
 use crate::gp::covariance::{Covariance, factor_scratch, factorise};
 use crate::gp::data::{self, DataError};
-use crate::gp::exponential::exponential;
 use crate::gp::hyperparameters::{Hyperparameters, HyperparametersError};
 use crate::gp::vectorise::vectorise;
+use block::{Block, LANES, add};
 
 /// How many outputs share the inputs: one per axis of the body velocity.
 pub const OUTPUTS: usize = 3;
-
-/// Samples in a block.
-const LANES: usize = 8;
 
 /// Posterior of three functions.
 #[derive(Debug, Clone)]
@@ -129,17 +127,6 @@ struct Output<const D: usize> {
     /// reciprocals.
     factor: Vec<f64>,
     jitter: f64,
-}
-
-/// Eight samples side by side.
-#[derive(Debug, Clone, Copy)]
-struct Block<const D: usize> {
-    /// X / ℓ
-    inputs: [[f64; LANES]; D],
-    /// σ² α
-    weights: [f64; LANES],
-    /// π² α
-    place_weights: [f64; LANES],
 }
 
 impl<const D: usize> Posterior<D> {
@@ -354,14 +341,7 @@ impl<const D: usize> Output<D> {
             self.factor.push(entries[0].recip());
             self.factor.extend_from_slice(&entries[1..]);
         }
-        self.blocks = vec![
-            Block {
-                inputs: [[0.0; LANES]; D],
-                weights: [0.0; LANES],
-                place_weights: [0.0; LANES]
-            };
-            inputs.len().div_ceil(LANES)
-        ];
+        self.blocks = vec![Block::EMPTY; inputs.len().div_ceil(LANES)];
         for (sample, weight) in self.weights.iter().enumerate() {
             let block = &mut self.blocks[sample / LANES];
             block.weights[sample % LANES] = kernel.variance * weight;
@@ -473,78 +453,6 @@ impl<const D: usize> Output<D> {
             (rest, factor) = (below, further);
         }
         (prior - explained).min(prior).max(0.0)
-    }
-}
-
-impl<const D: usize> Block<D> {
-    /// 1 + (X/ℓ)·x of each sample.
-    #[expect(
-        clippy::inline_always,
-        reason = "must be inlined to use the vector features of its caller"
-    )]
-    #[inline(always)]
-    fn one_plus_products(&self, x: &[f64]) -> [f64; LANES] {
-        let mut products = [1.0; LANES];
-        for (inputs, x) in self.inputs.iter().zip(x) {
-            for (sum, input) in products.iter_mut().zip(inputs) {
-                *sum += input * x;
-            }
-        }
-        products
-    }
-
-    /// weight · exp(−½ ‖x − X‖²) of each sample over some inputs, everything in length scales.
-    #[expect(
-        clippy::inline_always,
-        reason = "must be inlined to use the vector features of its caller"
-    )]
-    #[inline(always)]
-    fn shares(&self, x: &[f64; D], over: Range<usize>, weights: &[f64; LANES]) -> [f64; LANES] {
-        let mut shares = [0.0; LANES];
-        for (inputs, x) in self.inputs[over.clone()].iter().zip(&x[over]) {
-            for (sum, input) in shares.iter_mut().zip(inputs) {
-                let difference = input - x;
-                *sum += difference * difference;
-            }
-        }
-        for (share, weight) in shares.iter_mut().zip(weights) {
-            *share = weight * exponential(-0.5 * *share);
-        }
-        shares
-    }
-
-    /// gradient −= share · (x − X) of each sample over some inputs, everything in length scales.
-    #[expect(
-        clippy::inline_always,
-        reason = "must be inlined to use the vector features of its caller"
-    )]
-    #[inline(always)]
-    fn add_slopes(
-        &self,
-        x: &[f64; D],
-        over: Range<usize>,
-        shares: &[f64; LANES],
-        gradient: &mut [[f64; LANES]; D],
-    ) {
-        for input in over {
-            for ((sum, share), own) in
-                gradient[input].iter_mut().zip(shares).zip(&self.inputs[input])
-            {
-                *sum += share * (own - x[input]);
-            }
-        }
-    }
-}
-
-/// sums += shares
-#[expect(
-    clippy::inline_always,
-    reason = "must be inlined to use the vector features of its caller"
-)]
-#[inline(always)]
-fn add(sums: &mut [f64; LANES], shares: &[f64; LANES]) {
-    for (sum, share) in sums.iter_mut().zip(shares) {
-        *sum += share;
     }
 }
 
