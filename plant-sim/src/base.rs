@@ -11,8 +11,7 @@ impl Base for World {
             velocity: measured.velocity,
             wheel_speed: Some(measured.wheel_speed),
             current: Some(measured.current),
-            // Like a driver that knows no dead time: the controller identifies it.
-            input_delay_s: 0.0,
+            input_delay_s: self.reported_delay_s(),
             estop: self.is_emergency_stop_pressed(),
         })
     }

@@ -67,6 +67,7 @@ class Drive:
     rotor_inertia_kg_m2: float = number(0.004, 1e-6, 10.0)
     wheel_speed_limit_radps: float = number(30.0, 0.1, 1e3)
     command_delay_s: float = number(0.0, 0.0, 1.0)  # dead time between command and speed loop
+    reported_delay_s: float = number(0.0, 0.0, 1.0)  # what the driver knows of it
     current_lag_s: float = number(0.0, 0.0, 1.0)  # first-order lag of the current
     command_slew_mps2: float = number(0.0, 0.0, 1e3)  # limit of the commanded rim speed; 0 is none
     backlash_rad: float = number(0.0, 0.0, 0.5)  # total backlash of the gear, at the wheel

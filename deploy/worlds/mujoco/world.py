@@ -150,6 +150,7 @@ class World:
             "current": [
                 drive.current + noise(0.0, sensor.current_noise_a) for drive in self.drives
             ],
+            "input_delay_s": self.settings.drive.reported_delay_s,
             "truth": truth,
         }
 

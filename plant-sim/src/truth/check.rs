@@ -84,6 +84,11 @@ impl Truth {
             "wheel_speed_limit_radps",
             "positive, and at most 50 m/s at the rim",
         )?;
+        require(
+            (0.0..=World::LONGEST_DELAY_S).contains(&self.reported_delay_s),
+            "reported_delay_s",
+            "between 0 and 10 s",
+        )?;
         let delay = self.command_delay_s;
         let steps = delay * 1e9 / World::STEP_NANOS as f64;
         require(

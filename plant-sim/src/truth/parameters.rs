@@ -57,6 +57,8 @@ pub struct Truth {
     pub wheel_speed_limit_radps: f64,
     /// Delay from the gate to the motors \[s\]; a multiple of 0.1 ms.
     pub command_delay_s: f64,
+    /// Dead time that the driver reports to the controller \[s\]; 0 is a driver that knows of none.
+    pub reported_delay_s: f64,
 
     /// The floor's inclination.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -115,6 +117,7 @@ impl Default for Truth {
             current_lag_s: 0.0,
             wheel_speed_limit_radps: 500.0,
             command_delay_s: 0.0,
+            reported_delay_s: 0.0,
             slope: None,
             push: None,
             random_force: None,

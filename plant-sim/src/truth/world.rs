@@ -60,6 +60,8 @@ pub struct World {
     sensors: Sensors,
     pressed: Vec<Range<u64>>,
     conditions: Conditions,
+    /// Dead time that the driver reports \[s\].
+    reported_delay_s: f64,
     steps: u64,
     /// Requested time that is not yet simulated; less than a step.
     owed_nanos: u64,
@@ -94,6 +96,7 @@ impl World {
                 .map(|pressed| window(pressed.from_s, pressed.until_s))
                 .collect(),
             conditions,
+            reported_delay_s: truth.reported_delay_s,
             steps: 0,
             owed_nanos: 0,
             input_sum: Vector3::zeros(),
@@ -126,6 +129,11 @@ impl World {
     /// The sensors' measurement; each has noise of its own. Does not allocate.
     pub fn measure(&mut self) -> Measurement {
         self.sensors.measure(&self.state(), self.time_nanos())
+    }
+
+    /// Dead time that the driver reports \[s\].
+    pub fn reported_delay_s(&self) -> f64 {
+        self.reported_delay_s
     }
 
     /// Whether the emergency stop is pressed.

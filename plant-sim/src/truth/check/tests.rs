@@ -23,6 +23,7 @@ fn the_error_names_the_path_of_an_impossible_setting() {
         ("yaw_inertia_kg_m2", Truth { yaw_inertia_kg_m2: f64::INFINITY, ..plain() }),
         ("motor_gain.2", Truth { motor_gain: vec![1.0, 1.0, -0.1, 1.0], ..plain() }),
         ("command_delay_s", Truth { command_delay_s: 0.000_05, ..plain() }),
+        ("reported_delay_s", Truth { reported_delay_s: f64::NAN, ..plain() }),
         ("current_lag_s", Truth { current_lag_s: 1e-5, ..plain() }),
         ("push.force_n", Truth { push: Some(push), ..plain() }),
         ("patches.0.grip_factor", Truth { patches: vec![patch], ..plain() }),
