@@ -30,6 +30,7 @@ pub(crate) fn schema() -> Value {
             "answered_nanos": count("time of the reply on the monotonic clock [ns]"),
             "change": text("keys with their new values, as lines of TOML"),
             "outcome": text("applied or refused"),
+            "code": text("kind of the rejection, for programs"),
             "reason": text("why it was rejected"),
             "plant_epoch": count("epoch of the plant whose ticks these are"),
             "taken_at_tick": count("tick at which the process read it"),
