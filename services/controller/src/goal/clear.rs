@@ -53,9 +53,9 @@ impl Clear {
         Self { footprint, obstacles, fence: map.fence, zones: map.zones.clone() }
     }
 
-    /// The motions from `begin` to `to`: straight if nothing is in the way. Otherwise the robot
-    /// stops, then drives around the obstacles and slower in zones, and turns on the last part of
-    /// the way.
+    /// The motions from `begin` to `to`: straight if that is allowed. Otherwise the robot stops, then
+    /// drives straight if it is allowed from there. Otherwise it drives around the obstacles and
+    /// slower in zones, and turns on the last part of the way.
     pub(super) fn motions(
         &self,
         begin: &Moment,
@@ -63,8 +63,7 @@ impl Clear {
         limits: &Limits,
     ) -> Result<Vec<Motion>, MotionError> {
         let straight = to_pose(begin, to, limits)?;
-        let is_clear = self.allows(&straight);
-        if is_clear && self.is_slow_in_zones(&straight) {
+        if self.allows(&straight) {
             return Ok(vec![straight]);
         }
         let ground = self.ground();
@@ -75,9 +74,11 @@ impl Clear {
         }
         let stop = to_standstill(begin, limits)?;
         let from = stop.at(stop.duration_s()).pose;
-        let target = [to[0], to[1]];
-        let corners =
-            if is_clear { vec![target] } else { route([from[0], from[1]], target, &ground)? };
+        let straight = to_pose(&Moment::at_rest(from), to, limits)?;
+        if self.allows(&straight) {
+            return Ok(vec![stop, straight]);
+        }
+        let corners = route([from[0], from[1]], [to[0], to[1]], &ground)?;
         let mut points = vec![Waypoint::at([from[0], from[1]])];
         points.extend(corners.into_iter().map(Waypoint::at));
         if let Some(last) = points.last_mut() {
@@ -98,7 +99,8 @@ impl Clear {
         touched.map(|&(_, limit)| limit).fold(f64::INFINITY, f64::min)
     }
 
-    fn is_slow_in_zones(&self, motion: &Motion) -> bool {
+    /// Whether the robot is slow enough in every zone on `motion`.
+    fn keeps_zones(&self, motion: &Motion) -> bool {
         self.zones.is_empty()
             || checks(motion).all(|at_s| {
                 let Moment { pose, velocity: [x, y, _], .. } = motion.at(at_s);
@@ -106,8 +108,12 @@ impl Clear {
             })
     }
 
-    /// Whether the robot does not touch anything on `motion`.
+    /// Whether the robot touches nothing on `motion`, and keeps the speeds of the zones.
     fn allows(&self, motion: &Motion) -> bool {
+        self.touches_nothing(motion) && self.keeps_zones(motion)
+    }
+
+    fn touches_nothing(&self, motion: &Motion) -> bool {
         if self.obstacles.is_empty() && self.fence.is_none() {
             return true;
         }

@@ -100,6 +100,19 @@ fn a_goal_keeps_the_speed_of_a_zone() -> Outcome {
 }
 
 #[test]
+fn a_robot_that_is_too_fast_in_a_zone_stops_and_turns_where_it_stands() -> Outcome {
+    let zone = Shape::hull(&[[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]], 0.0)?;
+    let map = Surroundings { zones: vec![(zone, 0.2)], ..Surroundings::default() };
+    let (robot, outlook) = (Robot::example(), driving());
+    let hold = Course::new(&GoalRequest::of(Demand::Hold {}), 1, &outlook, &robot, &map, PERIOD_S)?;
+    let [x, y, _] = hold.goal.target;
+    let turn = GoalRequest::of(Demand::Pose { to: [x, y, 1.0] });
+    let course = Course::new(&turn, 2, &outlook, &robot, &map, PERIOD_S)?;
+    assert_eq!(course.reference.at(course.goal.ends_at_tick).pose, [x, y, 1.0]);
+    Ok(())
+}
+
+#[test]
 fn a_robot_that_is_far_from_its_reference_begins_where_it_is() -> Outcome {
     let mut outlook = driving();
     (outlook.pose, outlook.velocity) = ([5.0, 5.0, 1.0], [0.0; 3]);

@@ -251,7 +251,7 @@ mod tests {
             covariance.fill(&inputs, &kernel);
             for (column, a) in inputs.iter().enumerate() {
                 for (row, b) in inputs.iter().enumerate().skip(column) {
-                    assert!((covariance.sum[(row, column)] - kernel.value(a, b)).abs() < 1e-13);
+                    assert!((covariance.sum[(row, column)] - kernel.value(a, b)).abs() < 1e-14);
                 }
             }
         }

@@ -475,14 +475,17 @@ mod tests {
             inputs.iter().map(|_| std::array::from_fn(|_| random.normal())).collect();
         let plain = Hyperparameters::new([1.0, 0.5, 2.0, 0.3, 1.0, 1.5], 1.7, 0.05);
         let linear = plain.with_linear(0.2);
-        let hyperparameters = [plain, linear, linear.with_place(0.7)];
-        let wide = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
-        let narrow = Posterior { machine: Arch::Scalar, ..wide.clone() };
-        let mut scratch = VarianceScratch::new(77);
-        for _ in 0..50 {
-            let x: [f64; 6] = std::array::from_fn(|_| random.normal());
-            assert_eq!(wide.mean_and_gradient(&x), narrow.mean_and_gradient(&x));
-            assert_eq!(wide.variance(&x, &mut scratch), narrow.variance(&x, &mut scratch));
+        for hyperparameters in
+            [[plain, linear, plain.with_linear(10.0)], [linear.with_place(0.7); 3]]
+        {
+            let wide = Posterior::new(&inputs, &targets, &hyperparameters).unwrap();
+            let narrow = Posterior { machine: Arch::Scalar, ..wide.clone() };
+            let mut scratch = VarianceScratch::new(77);
+            for _ in 0..50 {
+                let x: [f64; 6] = std::array::from_fn(|_| random.normal());
+                assert_eq!(wide.mean_and_gradient(&x), narrow.mean_and_gradient(&x));
+                assert_eq!(wide.variance(&x, &mut scratch), narrow.variance(&x, &mut scratch));
+            }
         }
     }
 }

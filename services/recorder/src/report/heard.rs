@@ -214,14 +214,14 @@ impl Obstacles {
     pub(super) fn outlines(self) -> impl Iterator<Item = Outline> {
         self.rows.into_iter().filter_map(|numbers| {
             let numbers: Vec<f64> = numbers.into_iter().collect::<Option<_>>()?;
-            let (&[ahead, left, radius], corners) = numbers.split_first_chunk()?;
+            let (&[x, y, radius], corners) = numbers.split_first_chunk()?;
             let mut corners: Vec<(f64, f64)> =
                 corners.as_chunks().0.iter().map(|&[x, y]| (x, y)).collect();
             corners.dedup();
             (!corners.is_empty()).then_some(Outline {
                 corners,
                 radius,
-                moves: ahead != 0.0 || left != 0.0,
+                moves: x != 0.0 || y != 0.0,
             })
         })
     }

@@ -26,7 +26,7 @@ const MOVING_CELL_M: f64 = 0.25;
 const STANDING_CELL_M: f64 = 0.01;
 
 /// Largest number of drawn outlines.
-const OBSTACLES_MAX: usize = 500;
+const OUTLINES_MAX: usize = 500;
 
 /// A published model.
 #[derive(Debug, Clone, Copy)]
@@ -275,7 +275,7 @@ impl Reading {
         let cell = |value: f64| (value / cell_m).round() as i64;
         let corners = outline.corners.iter().flat_map(|&(x, y)| [cell(x), cell(y)]);
         let key = corners.chain([cell(outline.radius)]).collect();
-        if self.obstacles.len() < OBSTACLES_MAX {
+        if self.obstacles.len() < OUTLINES_MAX {
             self.obstacles.entry(key).or_insert(outline);
         }
     }
