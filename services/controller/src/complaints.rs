@@ -4,8 +4,10 @@
 //! | complaint   | evidence over the last 2 s                                              |
 //! |-------------|-------------------------------------------------------------------------|
 //! | `Refusals`  | the gate refused a command in more than half of the periods             |
+//! | `Rate`      | states arrive at another rate than one per period, unless in lock step  |
 //! | `Period`    | the pose moved further, or less far, than velocity times period         |
 //! | `Current`   | a motor was at its current limit in more than half of the periods       |
+//! | `Limit`     | plans reached a limit of the robot in nearly all periods                |
 //! | `Row`       | a motor carries far less than its limit although plans take it for full |
 //! | `NoEffect`  | the robot hardly moves as commanded                                     |
 //! | `Simple`    | the simple controller drove: plans did not hold the robot, or were none |
@@ -18,7 +20,9 @@
 //! follows, Σ u·v / Σ u² is near 1 as well, with u the commanded velocity and L ω for the yaw.
 
 use crate::currents::Contradicted;
+use crate::mpc::constraint::RobotLimit;
 use model::{Velocity, wrap};
+use process::Pace;
 use protocol::message::{ERROR_TEXT_MAX, FallbackLevel, PlantState, Reason};
 use robot::{Robot, WHEELS_MAX};
 use std::fmt::{self, Display, Formatter, Write};
@@ -28,6 +32,13 @@ const MEMORY_S: f64 = 2.0;
 
 /// From this share of the periods on, a complaint is reported.
 const OFTEN: f64 = 0.5;
+
+/// From this share of the periods on, plans reach a limit all the time.
+const NEARLY_ALWAYS: f64 = 0.8;
+
+/// Plans that reach a limit are evaluated once the decayed number of periods is this share of its
+/// final value: after 4.6 s.
+const LONG: f64 = 0.9;
 
 /// Ratios that badly calibrated sensors may have.
 const RATIOS: std::ops::Range<f64> = 0.6..1.6;
@@ -64,6 +75,20 @@ pub enum Complaint {
         /// T of this controller \[s\].
         period_s: f64,
     },
+    /// States arrive at another rate.
+    Rate {
+        /// Mean time between two states \[s\].
+        interval_s: f64,
+        /// T of this controller \[s\].
+        period_s: f64,
+    },
+    /// Plans reach a limit of the robot.
+    Limit {
+        /// In this share of the periods.
+        share: f64,
+        /// The limit that they reached last.
+        limit: RobotLimit,
+    },
     /// A motor is at its limit.
     Current {
         /// In this share of the periods.
@@ -95,13 +120,26 @@ pub enum Complaint {
     },
 }
 
-/// All present complaints, the worst first.
-type Complained = [Option<Complaint>; 7];
+/// What the last plan says of the limits.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LimitsInUse {
+    /// The limit on a motor's current that the measured current contradicts, if there is one.
+    pub contradicted: Option<Contradicted>,
+    /// The limit that the plan reaches in its first period, if it reaches one.
+    pub reached: Option<RobotLimit>,
+}
 
-/// Index of `Refusals`, `Current` and `NoList` among them.
+/// Number of complaints.
+const COUNT: usize = 9;
+
+/// All present complaints, the worst first.
+type Complained = [Option<Complaint>; COUNT];
+
+/// Index of `Refusals`, `Limit`, `Current` and `NoList` among them.
 const REFUSALS: usize = 0;
-const CURRENT: usize = 5;
-const NO_LIST: usize = 6;
+const LIMIT: usize = 6;
+const CURRENT: usize = 7;
+const NO_LIST: usize = 8;
 
 /// Motors by their numbers, from 1 on.
 struct Motors([bool; WHEELS_MAX]);
@@ -130,6 +168,18 @@ impl Display for Complaint {
                 "the pose moves {ratio:.2} times as far as the velocity implies: is the driver's \
                  period {:.1} ms?",
                 1e3 * period_s
+            ),
+            Self::Rate { interval_s, period_s } => write!(
+                f,
+                "states arrive every {:.1} ms, and the period is {:.1} ms: is it the driver's?",
+                1e3 * interval_s,
+                1e3 * period_s
+            ),
+            Self::Limit { share, limit } => write!(
+                f,
+                "plans reach the limit of {limit} in {:.0} % of the periods: is the robot file \
+                 right, and the reference slow enough?",
+                100.0 * share
             ),
             Self::Current { share, limit_a } => write!(
                 f,
@@ -170,6 +220,7 @@ impl Display for Complaint {
 struct Seen {
     epoch: u64,
     tick: u64,
+    sent_nanos: u64,
     refused: u64,
     pose: [f64; 3],
     velocity: Velocity,
@@ -181,6 +232,8 @@ struct Seen {
 #[derive(Debug, Clone)]
 pub struct Complaints {
     period_s: f64,
+    /// Whether a clock paces the plant.
+    is_paced: bool,
     limit_a: f64,
     lever_m: f64,
     fading: f64,
@@ -190,6 +243,10 @@ pub struct Complaints {
     periods: f64,
     refused: f64,
     at_limit: f64,
+    /// Time that passed \[s\].
+    passed_s: f64,
+    /// Periods in which the plan reached a limit of the robot.
+    reached: f64,
     /// Σ Δp·v̄ T and Σ (v̄ T)² \[m²\].
     moved: f64,
     said: f64,
@@ -201,14 +258,15 @@ pub struct Complaints {
     /// Periods in which the list of obstacles was too old.
     no_list: f64,
     /// Complaints that have been reported and continue.
-    told: [bool; 7],
+    told: [bool; COUNT],
 }
 
 impl Complaints {
     /// No complaints yet, for this robot with periods of `period_s` \[s\].
-    pub fn new(robot: &Robot, period_s: f64) -> Self {
+    pub fn new(robot: &Robot, period_s: f64, pace: Pace) -> Self {
         Self {
             period_s,
+            is_paced: pace == Pace::RealTime,
             limit_a: robot.current_limit_a().unwrap_or(f64::INFINITY),
             lever_m: robot.wheels.lever_m(),
             fading: (-period_s / MEMORY_S).exp(),
@@ -216,23 +274,26 @@ impl Complaints {
             periods: 0.0,
             refused: 0.0,
             at_limit: 0.0,
+            passed_s: 0.0,
+            reached: 0.0,
             moved: 0.0,
             said: 0.0,
             followed: 0.0,
             commanded: 0.0,
             simple: 0.0,
             no_list: 0.0,
-            told: [false; 7],
+            told: [false; COUNT],
         }
     }
 
-    /// Processes the next state, and the contradicted current limits, if there are any. Returns
-    /// each complaint once when it begins, one at a time. A state with numbers that are not finite
-    /// is skipped.
-    pub fn look(&mut self, state: &PlantState, row: Option<Contradicted>) -> Option<Complaint> {
+    /// Processes the next state, and what the plan for it says of the limits. Returns each
+    /// complaint once when it begins, one at a time. A state with numbers that are not finite is
+    /// skipped.
+    pub fn look(&mut self, state: &PlantState, limits: &LimitsInUse) -> Option<Complaint> {
         let now = Seen {
             epoch: state.stamp.epoch,
             tick: state.stamp.tick,
+            sent_nanos: state.stamp.sent_nanos,
             refused: state.refused,
             pose: state.pose,
             velocity: state.velocity,
@@ -251,6 +312,11 @@ impl Complaints {
         add(&mut self.refused, f64::from(u8::from(now.refused > before.refused)));
         let is_at_limit = state.current().iter().any(|amps| amps.abs() >= AT_LIMIT * self.limit_a);
         add(&mut self.at_limit, f64::from(u8::from(is_at_limit)));
+        let passed_nanos = now.sent_nanos.saturating_sub(before.sent_nanos);
+        add(&mut self.passed_s, passed_nanos as f64 * 1e-9);
+        let is_by_plan = state.fallback_level() == FallbackLevel::FreshPlan;
+        let reaches = is_by_plan && limits.reached.is_some();
+        add(&mut self.reached, f64::from(u8::from(reaches)));
         let (moved, said) = motion(&before, &now, self.period_s);
         add(&mut self.moved, moved);
         add(&mut self.said, said);
@@ -262,7 +328,7 @@ impl Complaints {
         add(&mut self.simple, f64::from(u8::from(now.is_simple)));
         let is_without_list = state.reason() == Reason::ObstaclesUnknown;
         add(&mut self.no_list, f64::from(u8::from(is_without_list)));
-        let complained = self.complained(state.reason(), row);
+        let complained = self.complained(state.reason(), limits);
         for (told, complaint) in self.told.iter_mut().zip(&complained) {
             *told &= complaint.is_some();
         }
@@ -271,10 +337,10 @@ impl Complaints {
         complained[new]
     }
 
-    fn complained(&self, reason: Reason, row: Option<Contradicted>) -> Complained {
+    fn complained(&self, reason: Reason, limits: &LimitsInUse) -> Complained {
         // Less than a second is not evaluated.
         if self.periods * self.period_s < 0.4 * MEMORY_S {
-            return [None; 7];
+            return [None; COUNT];
         }
         let share_of = |periods: f64| periods / self.periods;
         // A complaint continues until it has clearly ended.
@@ -285,15 +351,26 @@ impl Complaints {
         let is_commanded = share_of(self.commanded) > COMMANDED_LEAST.powi(2);
         let follows = self.followed / self.commanded;
         let (simple, at_limit) = (share_of(self.simple), share_of(self.at_limit));
-        let no_list = share_of(self.no_list);
+        let (no_list, reached) = (share_of(self.no_list), share_of(self.reached));
+        let period_s = self.period_s;
+        let interval_s = share_of(self.passed_s);
+        let is_other_rate = self.is_paced && !RATIOS.contains(&(interval_s / period_s));
+        // A robot that approaches its reference may be at a limit for seconds.
+        let is_long = self.periods > LONG / (1.0 - self.fading);
+        let least = if self.told[LIMIT] { OFTEN } else { NEARLY_ALWAYS };
+        let limit = limits.reached.filter(|_| is_long && reached > least);
         [
             (refused > often(REFUSALS)).then_some(Complaint::Refusals { share: refused, reason }),
-            (moves && !RATIOS.contains(&ratio))
-                .then_some(Complaint::Period { ratio, period_s: self.period_s }),
+            is_other_rate.then_some(Complaint::Rate { interval_s, period_s }),
+            (moves && !is_other_rate && !RATIOS.contains(&ratio))
+                .then_some(Complaint::Period { ratio, period_s }),
             (is_commanded && follows < FOLLOWS_LEAST)
                 .then_some(Complaint::NoEffect { share: follows }),
             (simple > SIMPLE_LEAST).then_some(Complaint::Simple { share: simple }),
-            row.map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
+            limits
+                .contradicted
+                .map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
+            limit.map(|limit| Complaint::Limit { share: reached, limit }),
             (at_limit > often(CURRENT))
                 .then_some(Complaint::Current { share: at_limit, limit_a: self.limit_a }),
             (no_list > often(NO_LIST)).then_some(Complaint::NoList { share: no_list }),
@@ -348,164 +425,4 @@ impl Write for Sentence {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const PERIOD_S: f64 = 0.02;
-
-    /// The complaints after 5 s of states `of(tick)`. Each appears once per start.
-    fn told(of: impl Fn(u64) -> PlantState) -> Vec<Complaint> {
-        let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
-        (0..250).filter_map(|tick| complaints.look(&of(tick), None)).collect()
-    }
-
-    /// A circle, driven with a true period of `period` \[s\].
-    fn circle(tick: u64, period: f64) -> PlantState {
-        let mut state: PlantState = bytemuck::Zeroable::zeroed();
-        let angle = 0.5 * period * tick as f64;
-        (state.stamp.epoch, state.stamp.tick) = (1, tick);
-        state.pose = [2.0 * angle.sin(), 2.0 - 2.0 * angle.cos(), angle];
-        state.velocity = [1.0, 0.0, 0.5];
-        state.input = state.velocity;
-        state
-    }
-
-    #[test]
-    fn a_driver_without_errors_has_no_complaints() {
-        assert_eq!(told(|tick| circle(tick, PERIOD_S)), []);
-        // The same for a robot at rest with noise.
-        assert_eq!(
-            told(|tick| {
-                let mut state = circle(0, PERIOD_S);
-                state.pose[0] = 1e-3 * (13.0 * tick as f64).sin();
-                state.velocity = [1e-2 * (17.0 * tick as f64).sin(), 0.0, 0.0];
-                state
-            }),
-            []
-        );
-    }
-
-    #[test]
-    fn a_driver_with_another_period_is_reported_once_with_the_ratio() {
-        for (period, expected) in [(0.1, 5.0), (0.01, 0.5)] {
-            let complaints = told(|tick| circle(tick, period));
-            assert_eq!(complaints.len(), 1, "{complaints:?}");
-            let is_told = |complaint: &Complaint| {
-                matches!(complaint, Complaint::Period { ratio, .. }
-                    if (ratio - expected).abs() < 0.05 * expected)
-            };
-            assert!(complaints.iter().all(is_told), "{complaints:?}");
-        }
-    }
-
-    #[test]
-    fn commands_that_are_refused_repeatedly_are_reported_with_the_reason() {
-        let storm = |tick| PlantState {
-            refused: tick,
-            reason: Reason::OutOfBounds.code(),
-            ..circle(tick, PERIOD_S)
-        };
-        let complaints = told(storm);
-        assert_eq!(complaints.len(), 1, "{complaints:?}");
-        assert!(
-            matches!(complaints[0], Complaint::Refusals { reason: Reason::OutOfBounds, .. }),
-            "{complaints:?}"
-        );
-        // A few refusals are no complaint.
-        assert_eq!(told(|tick| PlantState { refused: tick / 10, ..circle(tick, PERIOD_S) }), []);
-    }
-
-    #[test]
-    fn a_motor_that_stays_at_its_limit_is_reported() {
-        let limit = Robot::example().current_limit_a().unwrap_or_default();
-        let complaints = told(|tick| PlantState {
-            current: [0.0, -limit, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            wheels: 4,
-            current_valid: 1,
-            ..circle(tick, PERIOD_S)
-        });
-        assert!(matches!(complaints[..], [Complaint::Current { .. }]), "{complaints:?}");
-    }
-
-    #[test]
-    fn a_robot_that_does_not_move_as_commanded_is_reported() {
-        let complaints = told(|tick| PlantState {
-            velocity: [0.01, 0.0, 0.0],
-            pose: [1e-4 * tick as f64, 0.0, 0.0],
-            ..circle(tick, PERIOD_S)
-        });
-        assert!(
-            matches!(complaints[..], [Complaint::NoEffect { share }] if share < 0.02),
-            "{complaints:?}"
-        );
-    }
-
-    #[test]
-    fn periods_of_the_simple_controller_are_reported() {
-        let fallback_level =
-            |tick| if tick % 5 == 0 { FallbackLevel::Simple } else { FallbackLevel::FreshPlan };
-        let complaints = told(|tick| PlantState {
-            fallback_level: fallback_level(tick).code(),
-            ..circle(tick, PERIOD_S)
-        });
-        assert!(matches!(complaints[..], [Complaint::Simple { .. }]), "{complaints:?}");
-    }
-
-    #[test]
-    fn a_robot_that_is_slow_because_its_list_of_obstacles_is_too_old_is_reported() {
-        let slowed_by = |reason: Reason| {
-            told(|tick| PlantState { reason: reason.code(), ..circle(tick, PERIOD_S) })
-        };
-        let complaints = slowed_by(Reason::ObstaclesUnknown);
-        assert!(matches!(complaints[..], [Complaint::NoList { .. }]), "{complaints:?}");
-        assert_eq!(slowed_by(Reason::ProtectiveStop), []);
-    }
-
-    #[test]
-    fn a_limit_that_its_motor_contradicts_is_reported_once() {
-        let mut complaints = Complaints::new(&Robot::example(), PERIOD_S);
-        let wheels = std::array::from_fn(|wheel| [1, 2].contains(&wheel));
-        let row = Some(Contradicted { wheels, carried: 0.4 });
-        let reported: Vec<Complaint> =
-            (0..250).filter_map(|tick| complaints.look(&circle(tick, PERIOD_S), row)).collect();
-        assert_eq!(reported, [Complaint::Row { wheels, carried: 0.4 }]);
-        assert!(reported[0].to_string().contains("motor 2, 3:"), "{}", reported[0]);
-    }
-
-    #[test]
-    fn two_simultaneous_errors_are_each_reported_once() {
-        let both = |tick| PlantState { refused: tick, ..circle(tick, 5.0 * PERIOD_S) };
-        let reported = told(both);
-        assert!(
-            matches!(reported[..], [Complaint::Refusals { .. }, Complaint::Period { .. }]),
-            "{reported:?}"
-        );
-    }
-
-    #[test]
-    fn a_state_that_is_not_finite_does_not_hide_a_later_complaint() {
-        let broken = |tick| {
-            let mut state = circle(tick, 5.0 * PERIOD_S);
-            if tick == 3 {
-                state.velocity[0] = f64::NAN;
-            }
-            state
-        };
-        assert!(matches!(told(broken)[..], [Complaint::Period { .. }]));
-    }
-
-    #[test]
-    fn every_sentence_fits_into_a_health() {
-        for complaint in [
-            Complaint::Refusals { share: 1.0, reason: Reason::OutOfBounds },
-            Complaint::Period { ratio: -1234.5678, period_s: 0.1 },
-            Complaint::Current { share: 1.0, limit_a: 123.456 },
-            Complaint::Row { wheels: [true; WHEELS_MAX], carried: 0.5 },
-            Complaint::NoEffect { share: -1.0 },
-            Complaint::Simple { share: 1.0 },
-            Complaint::NoList { share: 1.0 },
-        ] {
-            assert_eq!(Sentence::of(&complaint).text(), complaint.to_string());
-        }
-    }
-}
+mod tests;

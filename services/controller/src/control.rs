@@ -21,7 +21,7 @@ mod seen;
 pub mod tuning;
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
-use crate::currents::Contradicted;
+use crate::complaints::LimitsInUse;
 use crate::goal::{Course, Outlook};
 use crate::identified::Identified;
 use crate::knowledge::{Knowledge, Measured, Period};
@@ -332,9 +332,12 @@ impl Controller {
         fault.is_none()
     }
 
-    /// The limit on a motor's current that the measured current contradicts, if there is one.
-    pub fn contradicted_limit(&self) -> Option<Contradicted> {
-        self.guard.contradicted_limit()
+    /// What the last answer says of the limits.
+    pub fn limits_in_use(&self) -> LimitsInUse {
+        LimitsInUse {
+            contradicted: self.guard.contradicted_limit(),
+            reached: self.planner.mpc.reached_limit(),
+        }
     }
 
     /// The fault of the newest state, if there is one.

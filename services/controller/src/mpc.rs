@@ -80,7 +80,7 @@ use crate::reference::ReferencePoint;
 use crate::settings::SolverFaults;
 use crate::settings::{Linearise, MpcSettings};
 use around::Around;
-use constraint::{InputLimits, Limits};
+use constraint::{InputLimits, Limits, RobotLimit};
 use expected::Expectation;
 use interior_point::SolverError;
 use model::learned::Moment;
@@ -345,10 +345,19 @@ impl Mpc {
 
     /// Motor currents that the last plan predicts for its first period.
     pub fn foretold_currents(&self) -> Foretold {
-        let after = self.stages.get(1).map_or(&self.terminal, |stage| &stage.state);
-        self.stages
-            .first()
-            .map_or(Foretold::default(), |first| self.limits.foretold_currents(first, after))
+        self.first_period()
+            .map_or(Foretold::default(), |(first, end)| self.limits.foretold_currents(first, end))
+    }
+
+    /// The limit of the robot that the last plan reaches in its first period, if it reaches one.
+    pub fn reached_limit(&self) -> Option<RobotLimit> {
+        self.first_period().and_then(|(first, end)| self.limits.reached(first, end))
+    }
+
+    /// The first period of the last plan, and the state at its end.
+    fn first_period(&self) -> Option<(&Stage, &State)> {
+        let end = self.stages.get(1).map_or(&self.terminal, |stage| &stage.state);
+        self.stages.first().map(|first| (first, end))
     }
 
     /// Sets the obstacles around the plan: where they are when it begins. A program that was

@@ -184,7 +184,11 @@ impl<'a> Loop<'a> {
             settings,
             handover,
             controller,
-            complaints: Complaints::new(&settings.robot, settings.run.period_nanos as f64 * 1e-9),
+            complaints: Complaints::new(
+                &settings.robot,
+                settings.run.period_nanos as f64 * 1e-9,
+                settings.run.pace,
+            ),
             states: ports.source(since)?,
             lists: Lists::open(ports, since)?,
             commands: ports.sink()?,
@@ -262,7 +266,7 @@ impl<'a> Loop<'a> {
         if let Some(fault) = self.controller.sensor_fault() {
             self.pulse.health().set_last_error(fault.text());
         } else if let Some(complaint) =
-            self.complaints.look(state, self.controller.contradicted_limit())
+            self.complaints.look(state, &self.controller.limits_in_use())
         {
             self.handover.note(Event::Complaint { tick, complaint });
             self.pulse.health().set_last_error(Sentence::of(&complaint).text());

@@ -20,12 +20,16 @@ use model::main_model::MainModel;
 use model::{State, Velocity};
 use nalgebra::SVector;
 use robot::{Robot, WHEELS_MAX};
+use std::fmt::{self, Display, Formatter};
 
 /// Linear penalty of a slack of 1. It is greater than any multiplier of a soft row, so slacks stay
 /// zero where they can.
 const SLACK_PENALTY: f64 = 1e3;
 /// Curvature of that penalty: keeps the program strictly convex.
 const SLACK_CURVATURE: f64 = 1.0;
+
+/// From this share of a limit on, a plan reaches it.
+const REACHES: f64 = 0.99;
 
 /// Index of the velocity in a state.
 const VELOCITY: usize = 3;
@@ -87,6 +91,27 @@ impl InputLimits {
                     .map(|rate| rate * period),
             ),
         }
+    }
+}
+
+/// A limit of the robot that a plan can reach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotLimit {
+    /// Current of a motor.
+    MotorCurrent,
+    /// Speed of a wheel.
+    WheelSpeed,
+    /// Commanded velocity on an axis.
+    Input,
+}
+
+impl Display for RobotLimit {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::MotorCurrent => "the motor currents",
+            Self::WheelSpeed => "the wheel speeds",
+            Self::Input => "the commanded velocity",
+        })
     }
 }
 
@@ -177,6 +202,23 @@ impl Limits {
             self.inputs.current.unwrap_or_default().map(|row| dot(&row, &beyond))
         };
         Foretold { start: at(&first.state.velocity), end: at(&after.velocity) }
+    }
+
+    /// The limit of the robot that a plan reaches in its first period, if it reaches one. `after`
+    /// is the state at the end of this period.
+    pub(super) fn reached(&self, first: &Stage, after: &State) -> Option<RobotLimit> {
+        let InputLimits { wheel, wheels, input, .. } = &self.inputs;
+        let currents = self.foretold_currents(first, after).start;
+        let is_full = |wheel: usize| !self.dropped[wheel] && currents[wheel].abs() >= REACHES;
+        if (0..*wheels).any(is_full) {
+            Some(RobotLimit::MotorCurrent)
+        } else if wheel.iter().any(|row| dot(row, &first.input).abs() >= REACHES) {
+            Some(RobotLimit::WheelSpeed)
+        } else if (0..3).any(|axis| first.input[axis].abs() >= REACHES * input[axis]) {
+            Some(RobotLimit::Input)
+        } else {
+            None
+        }
     }
 
     /// The acceleration that the main model does not explain, as the u − v that would cause it:
