@@ -21,9 +21,10 @@
 //! Reference: Diehl, Bock & Schlöder, *A real-time iteration scheme for nonlinear optimization in
 //! optimal feedback control*, 2005.
 
+use super::iteration::move_by;
 use super::qp::{STATE, WIDTH};
 use super::solver::Turn;
-use super::{Mpc, ReferencePoint, Solved, Spent, Status, move_by};
+use super::{Mpc, ReferencePoint, Solved, Spent, Status};
 use crate::settings::Linearise;
 use model::linearise::{by_residual, linearise};
 use model::predict::Belief;
