@@ -402,8 +402,8 @@ fn solvers(extent: Extent, all: &mut Vec<Exercise>) {
 }
 
 /// Why a slippery floor throws the robot off its path, even when the floor is dry again.
-const SLIP: &str = "known (issue 21, cause 1): the controller mistakes slip for saturated motors, \
-    and keeps what it learns during the slip";
+const SLIP: &str = "known (issue 21): while the wheels slip, inputs have little effect. The \
+    controller identifies a small gain, asks for more, and the robot turns away";
 
 /// Faults of the robot itself, in lock step and in windows of the run. The robot drives on, except
 /// where it is blind, and nothing unsafe follows.

@@ -202,23 +202,20 @@ impl std::str::FromStr for Belief {
 impl Belief {
     /// `robot` with the wrong number.
     fn of(&self, robot: &Robot) -> Result<Robot, SettingsError> {
-        let file = PathBuf::from("--believe");
         let wrong = |expected: &str| SettingsError::Value {
-            file: file.clone(),
+            file: PathBuf::from("--believe"),
             line: None,
             key: self.key.clone(),
             value: None,
             expected: expected.to_owned(),
         };
-        let mut table = toml::Table::try_from(robot).map_err(|_| wrong("a robot"))?;
-        let number = self
-            .key
-            .split_once('.')
-            .and_then(|(table_name, key)| table.get_mut(table_name)?.get_mut(key))
+        let mut file = toml::Value::try_from(robot).map_err(|_| wrong("a robot"))?;
+        let number = (self.key.split('.'))
+            .try_fold(&mut file, |table, key| table.get_mut(key))
             .ok_or_else(|| wrong("a number of the robot file, as body.mass_kg"))?;
         let value = number.as_float().ok_or_else(|| wrong("a number"))?;
         *number = toml::Value::Float(value * self.factor);
-        let believed: Robot = table.try_into().map_err(|_| wrong("a number"))?;
+        let believed: Robot = file.try_into().map_err(|_| wrong("a number"))?;
         believed.check().map_err(|impossible| wrong(impossible.expected))?;
         Ok(believed)
     }
@@ -239,6 +236,9 @@ mod tests {
             .drive
             .map(|drive| Drive { current_limit_a: 0.5 * drive.current_limit_a, ..drive });
         assert_eq!(belief.of(&robot)?, expected);
+        let wider = "wheels.mecanum.track_m=1.1".parse::<Belief>()?.of(&robot)?;
+        let lever_m = |robot: &Robot| robot.wheels.lever_m();
+        assert!((lever_m(&wider) - lever_m(&robot) - 0.015).abs() < 1e-12);
         for wrong in
             ["drive.curent_limit_a=2", "mass=2", "body.mass_kg=-1", "wheels.mecanum.track_m=0"]
         {
