@@ -177,8 +177,7 @@ impl Display for Complaint {
             ),
             Self::Limit { share, limit } => write!(
                 f,
-                "plans reach the limit of {limit} in {:.0} % of the periods: is the robot file \
-                 right, and the reference slow enough?",
+                "plans reach the limit of {limit} in {:.0} % of the periods: is the robot file right?",
                 100.0 * share
             ),
             Self::Current { share, limit_a } => write!(
