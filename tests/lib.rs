@@ -19,7 +19,8 @@ pub use python::{python, text_of};
 pub use reader::Reader;
 pub use screen::Screen;
 
-use rustix::process::{Pid, Signal, kill_process};
+use runs::registry;
+use rustix::process::{Pid, Signal, getuid, kill_process};
 use std::error::Error;
 use std::fs::{self, File};
 use std::io;
@@ -353,6 +354,19 @@ pub fn launch_command(
 pub fn signal(pid: u32, signal: Signal) -> Outcome {
     let pid = Pid::from_raw(i32::try_from(pid)?).ok_or("no such process")?;
     Ok(kill_process(pid, signal)?)
+}
+
+/// Removes what a launch with this home could not remove, as the next launch there does.
+///
+/// # Errors
+/// If something is left, or lives.
+pub fn sweep_after(home: &Path) -> Outcome {
+    let base = home.join(format!("coxswain-{}", getuid().as_raw()));
+    let (_, complaints) = registry::sweep_stale(&base);
+    if !complaints.is_empty() || !registry::living(&base).is_empty() || base.exists() {
+        return Err(format!("{} is not clean: {complaints:?}", base.display()).into());
+    }
+    Ok(())
 }
 
 /// Waits until `condition` holds.

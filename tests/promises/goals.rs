@@ -1,9 +1,10 @@
 //! Promise: a robot drives to a goal that is given while it drives, without a jump of its
 //! reference, and stands there. A stop outlasts it, a restarted controller takes it up again.
 
-use promises::{Launched, Message, Outcome, Record, Screen, binaries, python, repository, signal};
-use runs::registry;
-use rustix::process::{Signal, getuid};
+use promises::{
+    Launched, Message, Outcome, Record, Screen, binaries, python, repository, signal, sweep_after,
+};
+use rustix::process::Signal;
 use std::error::Error;
 use std::fs;
 use std::io::{self, Write};
@@ -346,11 +347,7 @@ fn driving_by_keyboard_restores_the_terminal_after_any_end() -> Outcome {
     keys.wait_until_restored()?;
     // The launch could not remove what was in use. The next one does.
     let (_, home) = launched.end()?;
-    let base = home.path().join(format!("coxswain-{}", getuid().as_raw()));
-    let (_, complaints) = registry::sweep_stale(&base);
-    assert_eq!(complaints, Vec::<String>::new());
-    assert!(registry::living(&base).is_empty() && !base.exists());
-    Ok(())
+    sweep_after(home.path())
 }
 
 #[test]

@@ -4,7 +4,9 @@ use graph::assembly::Assembly;
 use graph::options::Options;
 use process::{Gap, Witness};
 use promises::oracle::{Limits, acquit};
-use promises::{Hosts, Launched, Message, Outcome, Record, graph_file, launch_command, signal};
+use promises::{
+    Hosts, Launched, Message, Outcome, Record, graph_file, launch_command, signal, sweep_after,
+};
 use rustix::process::Signal;
 use std::error::Error;
 use std::thread;
@@ -188,5 +190,5 @@ fn of_three_hosts_the_one_that_learns_can_disappear() -> Outcome {
     assert_eq!(levels.last(), Some(&"fresh plan"));
     let (ended, _) = control.end()?;
     assert!(ended.status.success(), "{}", ended.text);
-    Ok(())
+    sweep_after(training.home())
 }
