@@ -40,6 +40,9 @@ const NEARLY_ALWAYS: f64 = 0.8;
 /// final value: after 4.6 s.
 const LONG: f64 = 0.9;
 
+/// A state that comes later than this counts as this late: one stall is no other rate \[periods\].
+const LATE_MAX: f64 = 10.0;
+
 /// Ratios that badly calibrated sensors may have.
 const RATIOS: std::ops::Range<f64> = 0.6..1.6;
 
@@ -77,7 +80,7 @@ pub enum Complaint {
     },
     /// States arrive at another rate.
     Rate {
-        /// Mean time between two states \[s\].
+        /// Mean time between two states; a time above ten periods counts as ten \[s\].
         interval_s: f64,
         /// T of this controller \[s\].
         period_s: f64,
@@ -177,7 +180,8 @@ impl Display for Complaint {
             ),
             Self::Limit { share, limit } => write!(
                 f,
-                "plans reach the limit of {limit} in {:.0} % of the periods: is the robot file right?",
+                "plans reach the limit of {limit} in {:.0} % of the periods: is the robot file \
+                 right?",
                 100.0 * share
             ),
             Self::Current { share, limit_a } => write!(
@@ -242,10 +246,12 @@ pub struct Complaints {
     periods: f64,
     refused: f64,
     at_limit: f64,
-    /// Time that passed \[s\].
+    /// Time between the states \[s\].
     passed_s: f64,
     /// Periods in which the plan reached a limit of the robot.
     reached: f64,
+    /// The limit that a plan reached last.
+    reached_last: Option<RobotLimit>,
     /// Σ Δp·v̄ T and Σ (v̄ T)² \[m²\].
     moved: f64,
     said: f64,
@@ -275,6 +281,7 @@ impl Complaints {
             at_limit: 0.0,
             passed_s: 0.0,
             reached: 0.0,
+            reached_last: None,
             moved: 0.0,
             said: 0.0,
             followed: 0.0,
@@ -311,11 +318,12 @@ impl Complaints {
         add(&mut self.refused, f64::from(u8::from(now.refused > before.refused)));
         let is_at_limit = state.current().iter().any(|amps| amps.abs() >= AT_LIMIT * self.limit_a);
         add(&mut self.at_limit, f64::from(u8::from(is_at_limit)));
-        let passed_nanos = now.sent_nanos.saturating_sub(before.sent_nanos);
-        add(&mut self.passed_s, passed_nanos as f64 * 1e-9);
+        let passed_s = now.sent_nanos.saturating_sub(before.sent_nanos) as f64 * 1e-9;
+        add(&mut self.passed_s, passed_s.min(LATE_MAX * self.period_s));
         let is_by_plan = state.fallback_level() == FallbackLevel::FreshPlan;
-        let reaches = is_by_plan && limits.reached.is_some();
-        add(&mut self.reached, f64::from(u8::from(reaches)));
+        let reached = limits.reached.filter(|_| is_by_plan);
+        add(&mut self.reached, f64::from(u8::from(reached.is_some())));
+        self.reached_last = reached.or(self.reached_last);
         let (moved, said) = motion(&before, &now, self.period_s);
         add(&mut self.moved, moved);
         add(&mut self.said, said);
@@ -327,7 +335,7 @@ impl Complaints {
         add(&mut self.simple, f64::from(u8::from(now.is_simple)));
         let is_without_list = state.reason() == Reason::ObstaclesUnknown;
         add(&mut self.no_list, f64::from(u8::from(is_without_list)));
-        let complained = self.complained(state.reason(), limits);
+        let complained = self.complained(state.reason(), limits.contradicted);
         for (told, complaint) in self.told.iter_mut().zip(&complained) {
             *told &= complaint.is_some();
         }
@@ -336,7 +344,7 @@ impl Complaints {
         complained[new]
     }
 
-    fn complained(&self, reason: Reason, limits: &LimitsInUse) -> Complained {
+    fn complained(&self, reason: Reason, row: Option<Contradicted>) -> Complained {
         // Less than a second is not evaluated.
         if self.periods * self.period_s < 0.4 * MEMORY_S {
             return [None; COUNT];
@@ -357,7 +365,7 @@ impl Complaints {
         // A robot that approaches its reference may be at a limit for seconds.
         let is_long = self.periods > LONG / (1.0 - self.fading);
         let least = if self.told[LIMIT] { OFTEN } else { NEARLY_ALWAYS };
-        let limit = limits.reached.filter(|_| is_long && reached > least);
+        let limit = self.reached_last.filter(|_| is_long && reached > least);
         [
             (refused > often(REFUSALS)).then_some(Complaint::Refusals { share: refused, reason }),
             is_other_rate.then_some(Complaint::Rate { interval_s, period_s }),
@@ -366,9 +374,7 @@ impl Complaints {
             (is_commanded && follows < FOLLOWS_LEAST)
                 .then_some(Complaint::NoEffect { share: follows }),
             (simple > SIMPLE_LEAST).then_some(Complaint::Simple { share: simple }),
-            limits
-                .contradicted
-                .map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
+            row.map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
             limit.map(|limit| Complaint::Limit { share: reached, limit }),
             (at_limit > often(CURRENT))
                 .then_some(Complaint::Current { share: at_limit, limit_a: self.limit_a }),

@@ -143,6 +143,11 @@ fn plans_that_reach_a_limit_for_seconds_are_reported() {
             if *share > 0.99)
     };
     assert!(reported.len() == 1 && reported.iter().all(is_limit), "{reported:?}");
+    // Once, although a plan in between reaches none.
+    let mut often = complaints(Pace::LockStep);
+    let with = |tick: u64| if tick % 10 == 0 { LimitsInUse::default() } else { limits };
+    let reported: Vec<_> = (0..500).filter_map(|k| often.look(&by_plan(k), &with(k))).collect();
+    assert!(matches!(reported[..], [Complaint::Limit { .. }]), "{reported:?}");
     // Not while the robot approaches its reference, nor if another than the plan drives.
     let mut complaints = complaints(Pace::LockStep);
     let soon: Vec<_> = (0..200).filter_map(|k| complaints.look(&by_plan(k), &limits)).collect();
@@ -164,10 +169,25 @@ fn states_at_another_rate_are_reported_at_rest_too_but_not_in_lock_step() {
         states.filter_map(|state| complaints.look(&state, &limits)).collect::<Vec<_>>()
     };
     let reported = every(100_000_000, Pace::RealTime);
-    let is_told = |complaint: &Complaint| matches!(complaint, Complaint::Rate { interval_s, .. } if (interval_s - 0.1).abs() < 1e-9);
-    assert!(reported.len() == 1 && reported.iter().all(is_told), "{reported:?}");
+    let is_told = matches!(reported[..],
+        [Complaint::Rate { interval_s, .. }] if (interval_s - 0.1).abs() < 1e-9);
+    assert!(is_told, "{reported:?}");
     assert_eq!(every(20_000_000, Pace::RealTime), []);
     assert_eq!(every(100_000, Pace::LockStep), []);
+}
+
+#[test]
+fn a_driver_that_stalls_once_has_no_other_rate() {
+    let mut complaints = complaints(Pace::RealTime);
+    let states = (0..400).map(|tick| {
+        let mut state = circle(tick, PERIOD_S);
+        let stalled = if tick < 200 { 0 } else { 5_000_000_000 };
+        state.stamp.sent_nanos = 1_000_000_000 + tick * 20_000_000 + stalled;
+        state
+    });
+    let limits = LimitsInUse::default();
+    let reported: Vec<_> = states.filter_map(|state| complaints.look(&state, &limits)).collect();
+    assert_eq!(reported, []);
 }
 
 #[test]

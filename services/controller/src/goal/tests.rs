@@ -108,10 +108,9 @@ fn a_robot_that_is_too_fast_in_a_zone_stops_and_turns_where_it_stands() -> Outco
     let [x, y, _] = hold.goal.target;
     let turn = GoalRequest::of(Demand::Pose { to: [x, y, 1.0] });
     let course = Course::new(&turn, 2, &outlook, &robot, &map, PERIOD_S)?;
-    let end = course.reference.at(course.goal.ends_at_tick).pose;
-    for (is, expected) in end.into_iter().zip([x, y, 1.0]) {
-        assert!((is - expected).abs() < 1e-12, "{end:?}");
-    }
+    let [end_x, end_y, heading] = course.reference.at(course.goal.ends_at_tick).pose;
+    assert_eq!([end_x, end_y], [x, y]);
+    assert!((heading - 1.0).abs() < 1e-12, "{heading}");
     Ok(())
 }
 
