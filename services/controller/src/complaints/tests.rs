@@ -145,7 +145,7 @@ fn plans_that_reach_a_limit_for_seconds_are_reported() {
     assert!(reported.len() == 1 && reported.iter().all(is_limit), "{reported:?}");
     // Once, although a plan in between reaches none.
     let mut often = complaints(Pace::LockStep);
-    let with = |tick: u64| if tick % 10 == 0 { LimitsInUse::default() } else { limits };
+    let with = |tick: u64| if tick.is_multiple_of(10) { LimitsInUse::default() } else { limits };
     let reported: Vec<_> = (0..500).filter_map(|k| often.look(&by_plan(k), &with(k))).collect();
     assert!(matches!(reported[..], [Complaint::Limit { .. }]), "{reported:?}");
     // Not while the robot approaches its reference, nor if another than the plan drives.
