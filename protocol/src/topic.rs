@@ -56,12 +56,6 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Whether messages are repeated to a single reader: to one that joins late or, on a lossless
-    /// link, to one that reconnects.
-    pub const fn says_again(&self) -> bool {
-        self.history > 0 || self.is_paced()
-    }
-
     /// Whether readers report their room to the writer.
     pub const fn is_paced(&self) -> bool {
         matches!(self.delivery, Delivery::Lossless)

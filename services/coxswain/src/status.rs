@@ -3,7 +3,8 @@
 use crate::joined::{JoinError, Joined};
 use clap::Args;
 use protocol::message::{GateState, Goal, Plan, PlantState};
-use serde::Serialize;
+use protocol::view::View;
+use serde::{Serialize, Serializer};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -31,8 +32,8 @@ struct Status {
     robot: Option<RobotStatus>,
     #[serde(skip_serializing_if = "Option::is_none")]
     controller: Option<ControllerStatus>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    goal: Option<GoalStatus>,
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "viewed")]
+    goal: Option<Goal>,
 }
 
 #[derive(Debug, Serialize)]
@@ -53,17 +54,6 @@ struct ControllerStatus {
     position_error_m: f64,
     model_version: u64,
     tick_micros: f64,
-}
-
-#[derive(Debug, Serialize)]
-struct GoalStatus {
-    id: u64,
-    kind: &'static str,
-    phase: &'static str,
-    target: [f64; 3],
-    progress: f64,
-    left_m: f64,
-    left_s: f64,
 }
 
 /// Prints what the robot of the launch that `options` name does now. The graphs of this machine are
@@ -100,7 +90,7 @@ impl Status {
                 status.robot = Some(RobotStatus::of(&state, joined.period_s));
             }
             status.controller = plans.latest()?.map(|plan| (&plan).into()).or(status.controller);
-            status.goal = goals.latest()?.map(|goal| (&goal).into()).or(status.goal);
+            status.goal = goals.latest()?.or(status.goal);
         }
         Ok(status)
     }
@@ -139,8 +129,8 @@ impl Status {
             Some(goal) => terminal::print(format_args!(
                 "goal        {} ({}): {}, {:.0} %, {:.2} m and {:.1} s left",
                 goal.id,
-                goal.kind,
-                goal.phase,
+                goal.kind(),
+                goal.phase(),
                 100.0 * goal.progress,
                 goal.left_m,
                 goal.left_s
@@ -174,16 +164,7 @@ impl From<&Plan> for ControllerStatus {
     }
 }
 
-impl From<&Goal> for GoalStatus {
-    fn from(goal: &Goal) -> Self {
-        Self {
-            id: goal.id,
-            kind: goal.kind().text(),
-            phase: goal.phase().text(),
-            target: goal.target,
-            progress: goal.progress,
-            left_m: goal.left_m,
-            left_s: goal.left_s,
-        }
-    }
+#[expect(clippy::ref_option, reason = "serde passes fields so")]
+fn viewed<S: Serializer>(goal: &Option<Goal>, serializer: S) -> Result<S::Ok, S::Error> {
+    goal.as_ref().map(View).serialize(serializer)
 }

@@ -5,7 +5,7 @@
 //! | `feed`    | events for an open page: first the present state, then the news             |
 //! | `rows`    | one row per period, and the last minute of them                             |
 //! | `horizon` | the predicted path, and its uncertainty                                     |
-//! | `logbook` | one line for every fault, and for its end                                   |
+//! | `logbook` | events as lines                                                             |
 //! | `viewers` | a short queue for each open page                                            |
 //! | `server`  | the threads that listen and write                                           |
 //! | `request` | the request of a browser, or the reason for its refusal                     |

@@ -187,7 +187,7 @@ impl Relay {
         let goal = self.goals.pass(now, publisher)?;
         self.obstacles.pass(now, publisher, |list| {
             if let Some(page) = &mut page {
-                page.hear_obstacles(list);
+                page.hear_obstacles(list, now);
             }
         })?;
         if let Some(page) = page {

@@ -10,9 +10,9 @@ use clap::Args;
 use network::telemetry::{Heard, TelemetryError, Watcher, Word};
 use presence::Presence;
 use process::Stop;
-use protocol::message::{Exposure, Participant, Plan, PlantState, Reason};
+use protocol::message::{Exposure, Plan, PlantState, Reason};
+use run_view::RunView;
 use runs::registry;
-use std::collections::BTreeMap;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -220,18 +220,16 @@ fn find(base: &Path) -> Result<String, WatchError> {
 #[derive(Debug, Default)]
 struct Lines {
     waiting: Option<(PlantState, f64)>,
-    exposures: BTreeMap<Participant, Exposure>,
+    run: RunView,
 }
 
 impl Lines {
     /// The line that is complete now, if there is one.
     fn take_in(&mut self, word: Word) -> Option<String> {
         let line = self.line_of(word)?;
-        let exposed =
-            self.exposures.values().max().filter(|&&exposure| exposure > Exposure::Closed);
-        Some(match exposed {
-            Some(exposure) => format!("{line}  INSECURE: {exposure}"),
-            None => line,
+        Some(match self.run.exposure() {
+            Exposure::Closed => line,
+            exposure => format!("{line}  INSECURE: {exposure}"),
         })
     }
 
@@ -251,7 +249,7 @@ impl Lines {
                     .map(|(state, seconds)| line(&state, seconds, Some(&plan)))
             }
             Heard::Health(health) => {
-                self.exposures.extend(health.participant().map(|who| (who, health.exposure())));
+                self.run.hear_health(&health, Instant::now());
                 None
             }
             Heard::Goal(_) | Heard::Obstacles(_) => None,
@@ -291,6 +289,7 @@ fn line(state: &PlantState, seconds: f64, plan: Option<&Plan>) -> String {
 mod tests {
     use super::*;
     use clap::Parser;
+    use protocol::message::Participant;
 
     #[derive(Debug, Parser)]
     struct Arguments {

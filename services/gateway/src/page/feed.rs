@@ -2,16 +2,18 @@
 
 use super::answer::event;
 use super::horizon::Horizon;
-use super::logbook::{Entry, Logbook, Process, Sort, gate_change};
+use super::logbook::Entry;
 use super::round;
 use super::rows::{History, PlanRow, StateRow};
 use crate::comparison::{Comparison, Row, Standing};
 use crate::settings::{About, Settings};
 use process::requests::Settled;
 use protocol::message::{
-    FallbackLevel, Goal, Health, ModelSnapshot, OBSTACLE_NUMBERS, ObstacleSource, Obstacles,
-    Participant, Plan, PlantState, Reason,
+    Coded, FallbackLevel, Goal, Health, ModelSnapshot, Obstacles, Participant, Plan, PlantState,
+    Reason,
 };
+use protocol::view::View;
+use run_view::{Counter, Process, RunView, What};
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -27,15 +29,10 @@ pub(crate) struct Feed {
     robot: String,
     period_s: f64,
     about: About,
-    state: Option<PlantState>,
+    run: RunView,
     states: History<StateRow>,
     plans: History<PlanRow>,
     model: Option<Model>,
-    goal: Option<Goal>,
-    /// Those of each source, if it has sent a list.
-    obstacles: [Option<Vec<[f64; OBSTACLE_NUMBERS]>>; ObstacleSource::ALL.len()],
-    processes: [Option<Process>; Participant::ALL.len()],
-    logbook: Logbook,
     comparison: Comparison,
     news: Gathered,
 }
@@ -63,18 +60,6 @@ struct Model {
     learned: [f64; 3],
     /// The same of the main model alone.
     main: [f64; 3],
-}
-
-/// The present goal.
-#[derive(Debug, Serialize)]
-struct GoalRow {
-    id: u64,
-    kind: &'static str,
-    phase: &'static str,
-    target: [f64; 3],
-    progress: f64,
-    /// Way and time that are left \[m, s\].
-    left: [f64; 2],
 }
 
 /// State of one process.
@@ -129,14 +114,14 @@ struct Stands<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<&'a Model>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    goal: Option<GoalRow>,
+    goal: Option<View<'a, Goal>>,
     /// Velocity, radius and corners of each \[m/s, m/s, m, m, …\].
     #[serde(skip_serializing_if = "Option::is_none")]
     obstacles: Option<Vec<Vec<f64>>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessRow<'a>>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    entries: Vec<&'a Entry>,
+    entries: Vec<Entry>,
     #[serde(skip_serializing_if = "Option::is_none")]
     compared: Option<Standing>,
 }
@@ -148,14 +133,10 @@ impl Feed {
             robot: settings.telemetry.robot.clone(),
             period_s: settings.run.period_nanos as f64 * 1e-9,
             about: About { without_learning: None, ..settings.about.clone() },
-            state: None,
+            run: RunView::default(),
             states: History::new(),
             plans: History::new(),
             model: None,
-            goal: None,
-            obstacles: Default::default(),
-            processes: Default::default(),
-            logbook: Logbook::default(),
             comparison: Comparison::new(without),
             news: Gathered::default(),
         }
@@ -165,37 +146,19 @@ impl Feed {
         tick as f64 * self.period_s
     }
 
-    fn now_s(&self) -> f64 {
-        self.state.map_or(0.0, |state| self.seconds(state.stamp.tick))
-    }
-
     /// Receives a measured state.
     pub(crate) fn hear_state(&mut self, state: &PlantState) {
-        let before = self.state.replace(*state);
-        let seconds = self.now_s();
-        let another = before.is_some_and(|before| {
-            (before.stamp.writer, before.stamp.epoch) != (state.stamp.writer, state.stamp.epoch)
-        });
-        if another {
+        if self.run.hear_state(state) {
             self.states.clear();
             self.plans.clear();
             self.comparison.start_again();
-            self.obstacles = Default::default();
             self.news = Gathered {
                 model: self.news.model,
                 entries_told: self.news.entries_told,
                 ..Gathered::default()
             };
         }
-        if let Some(before) = before {
-            if let Some((sort, text)) = gate_change(&before, state) {
-                self.logbook.write(seconds, Participant::Plant, sort, text);
-            } else if state.refused > before.refused && !another {
-                let text = format!("the gate refused a command ({})", state.reason());
-                self.logbook.write(seconds, Participant::Plant, Sort::Fault, text);
-            }
-        }
-        let row = StateRow::new(state, seconds);
+        let row = StateRow::new(state, self.seconds(state.stamp.tick));
         self.states.push(row);
         self.news.states.push(row);
     }
@@ -203,7 +166,7 @@ impl Feed {
     /// Receives a plan.
     pub(crate) fn hear_plan(&mut self, plan: &Plan) {
         // The answer to another epoch of the plant does not belong to this run.
-        if self.state.is_none_or(|state| state.stamp.epoch != plan.plant_epoch) {
+        if self.run.state.as_ref().is_none_or(|state| state.stamp.epoch != plan.plant_epoch) {
             return;
         }
         let seconds = self.seconds(plan.stamp.tick);
@@ -230,53 +193,32 @@ impl Feed {
 
     /// Receives the present goal, or the end of one.
     pub(crate) fn hear_goal(&mut self, goal: &Goal) {
-        let before = self.goal.replace(*goal).map(|before| (before.id, before.phase));
-        if before != Some((goal.id, goal.phase)) {
-            let text = format!("goal {} ({}): {}", goal.id, goal.kind(), goal.phase());
-            self.logbook.write(self.now_s(), Participant::Controller, Sort::Note, text);
-        }
+        self.run.hear_goal(goal);
         self.news.goal = true;
     }
 
     /// Receives a list of obstacles.
-    pub(crate) fn hear_obstacles(&mut self, list: &Obstacles) {
-        if let Some(place) = self.obstacles.get_mut(list.source as usize) {
-            *place = Some(list.rows().to_vec());
-        }
+    pub(crate) fn hear_obstacles(&mut self, list: &Obstacles, now: Instant) {
+        self.run.hear_obstacles(list, now);
         self.news.obstacles = true;
     }
 
     /// Receives the health of a process.
     pub(crate) fn hear_health(&mut self, health: &Health, now: Instant) {
-        let seconds = self.now_s();
-        let Some(who) = health.participant() else { return };
-        let Some(place) = self.processes.get_mut(health.participant as usize) else { return };
-        let logbook = &mut self.logbook;
-        match place {
-            Some(process) => {
-                process.take_in(health, now, |sort, text| logbook.write(seconds, who, sort, text));
-            }
-            None => *place = Some(Process::new(health, now)),
-        }
+        self.run.hear_health(health, now);
     }
 
     /// Receives a change of the settings, or its refusal.
     pub(crate) fn hear_change(&mut self, settled: &Settled) {
-        if let Some(&who) = Participant::ALL.iter().find(|who| who.text() == settled.process) {
-            self.logbook.write(self.now_s(), who, Sort::Note, settled.to_string());
+        if let Some(who) = Participant::of_word(&settled.process) {
+            self.run.note(who, What::Change(settled.to_string()));
         }
     }
 
-    /// Reports processes that have become silent.
+    /// Reports processes that have become silent, and drops obstacles that are too old.
     pub(super) fn look_around(&mut self, now: Instant) {
-        let seconds = self.now_s();
-        for process in self.processes.iter_mut().flatten() {
-            if process.falls_silent(now)
-                && let Some(who) = process.health.participant()
-            {
-                self.logbook.write(seconds, who, Sort::Fault, "is silent".to_owned());
-            }
-        }
+        self.run.look_for_silence(now);
+        self.news.obstacles |= self.run.drop_old_obstacles(now);
     }
 
     /// The present state and the last minute, for a new viewer.
@@ -306,7 +248,7 @@ impl Feed {
     /// The news, if there are any; clears them.
     pub(super) fn news(&mut self, now: Instant) -> Option<Arc<str>> {
         let news = std::mem::take(&mut self.news);
-        let entries_told = self.logbook.written();
+        let entries_told = self.run.noted();
         let processes = news
             .processes_told
             .is_none_or(|told| now.saturating_duration_since(told) >= PROCESSES_EVERY);
@@ -331,58 +273,46 @@ impl Feed {
 
     /// Clears the news: no page is open.
     pub(super) fn forget_news(&mut self) {
-        let entries_told = self.logbook.written();
+        let entries_told = self.run.noted();
         self.news = Gathered { entries_told, ..Gathered::default() };
     }
 
-    /// The obstacles of all sources; none if there has been no list.
-    fn drawn_obstacles(&self) -> Option<Vec<Vec<f64>>> {
-        let lists = self.obstacles.iter().flatten();
-        let rows = lists.clone().flatten();
-        let rows = rows.map(|row| row.iter().copied().map(round).collect()).collect();
-        (lists.count() > 0).then_some(rows)
+    /// The obstacles of all sources.
+    fn drawn_obstacles(&self) -> Vec<Vec<f64>> {
+        let rows = self.run.obstacles.values().flat_map(|seen| seen.list.rows());
+        rows.map(|row| row.iter().copied().map(round).collect()).collect()
     }
 
     fn stands(&self, now: Instant, processes: bool, entries_told: u64) -> Stands<'_> {
-        let everybody = self.processes.iter().flatten().map(|process| process_row(process, now));
+        let run = &self.run;
+        let rows = run.processes.iter().map(|(&who, process)| process_row(who, process, now));
+        let entries = run.events_since(entries_told);
+        let plant = run.state.as_ref().map(|state| state.stamp);
         Stands {
-            run: self.state.map(|state| format!("{:x}-{}", state.stamp.writer, state.stamp.epoch)),
+            run: plant.map(|stamp| format!("{:x}-{}", stamp.writer, stamp.epoch)),
             horizon: self.news.horizon.as_ref(),
             model: self.model.as_ref(),
-            goal: self.goal.as_ref().map(GoalRow::new),
-            obstacles: self.drawn_obstacles(),
-            processes: if processes { everybody.collect() } else { Vec::new() },
-            entries: self.logbook.since(entries_told),
+            goal: run.goal.as_ref().map(View),
+            obstacles: Some(self.drawn_obstacles()),
+            processes: if processes { rows.collect() } else { Vec::new() },
+            entries: entries.filter_map(|event| Entry::of(event, self.period_s)).collect(),
             compared: self.comparison.standing(),
         }
     }
 }
 
-impl GoalRow {
-    fn new(goal: &Goal) -> Self {
-        Self {
-            id: goal.id,
-            kind: goal.kind().text(),
-            phase: goal.phase().text(),
-            target: goal.target.map(round),
-            progress: round(goal.progress),
-            left: [goal.left_m, goal.left_s].map(round),
-        }
-    }
-}
-
-fn process_row(process: &Process, now: Instant) -> ProcessRow<'_> {
+fn process_row(who: Participant, process: &Process, now: Instant) -> ProcessRow<'_> {
     let health = &process.health;
     ProcessRow {
-        who: health.participant().map_or("?", Participant::text),
+        who: who.text(),
         phase: health.phase().text(),
         text: health.last_error(),
         pid: health.pid,
         starts: process.starts,
-        silent: process.is_silent(),
+        silent: process.is_silent(now),
         silence: (now.saturating_duration_since(process.heard).as_secs_f64() * 10.0).round() / 10.0,
-        lost: health.lost.iter().sum(),
-        refused: health.refused.iter().sum(),
+        lost: Counter::Lost.of(health),
+        refused: Counter::Malformed.of(health),
         missed: health.deadlines_missed,
         met: health.deadlines_met,
         exposure: health.exposure,

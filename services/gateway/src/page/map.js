@@ -146,7 +146,7 @@ function drawWithout(pen, eye) {
 
 // Draws the pose of the goal, and how far the robot is.
 function drawGoal(pen, eye) {
-  const { id, kind, phase, target, progress, left } = store.goal;
+  const { id, kind, phase, target, progress, left_m: way, left_s: time } = store.goal;
   const [px, py] = eye.to(target);
   const radius = Math.max(10, 0.25 * eye.scale);
   pen.strokeStyle = phase === "active" ? colours.reference : colours.quiet;
@@ -157,8 +157,7 @@ function drawGoal(pen, eye) {
   pen.lineTo(px + 1.5 * radius * Math.cos(target[2]), py - 1.5 * radius * Math.sin(target[2]));
   pen.stroke();
   pen.fillStyle = colours.ink;
-  const [way, time] = [left[0].toFixed(2), left[1].toFixed(1)];
-  const rest = `${Math.round(100 * progress)} %, ${way} m, ${time} s left`;
+  const rest = `${Math.round(100 * progress)} %, ${way.toFixed(2)} m, ${time.toFixed(1)} s left`;
   pen.fillText(`goal ${id} (${kind}): ${phase === "active" ? rest : phase}`, 12, 22);
 }
 

@@ -4,12 +4,9 @@
 use super::trail::Trail;
 use crate::presence::Presence;
 use network::telemetry::{Heard, Word};
-use protocol::message::{
-    Exposure, FallbackLevel, Goal, GoalPhase, Health, ObstacleSource, Obstacles, Participant, Plan,
-    PlantState, Reason,
-};
+use protocol::message::{FallbackLevel, Participant, Plan, PlantState, Reason};
 use protocol::topic::Topic;
-use std::collections::BTreeMap;
+use run_view::{Event, RunView, What};
 use std::time::{Duration, Instant};
 
 /// How long its return is shown.
@@ -17,12 +14,6 @@ const WELCOME: Duration = Duration::from_secs(5);
 
 /// Time over which the one-step errors are averaged \[s\].
 pub const RECENT_S: f64 = 5.0;
-
-/// Time after its validity for which a list of obstacles is still shown.
-const SHOWN_AFTER: Duration = Duration::from_secs(1);
-
-/// Largest number of stored events.
-const EVENTS_MAX: usize = 50;
 
 /// Whether the robot is present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,15 +26,6 @@ pub enum Contact {
     Back,
     /// Its messages have been absent for this time.
     Lost(Duration),
-}
-
-/// One process, as of its last Health.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Process {
-    /// Its last Health.
-    pub health: Box<Health>,
-    /// When the Health was received.
-    pub heard: Instant,
 }
 
 /// One-step errors of the velocity \[m/s, m/s, rad/s\].
@@ -66,15 +48,6 @@ pub struct Losses {
     pub dropped: u64,
 }
 
-/// The last list of obstacles of one source.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SeenObstacles {
-    /// The list.
-    pub list: Box<Obstacles>,
-    /// When it was received.
-    pub heard: Instant,
-}
-
 /// Everything that is known of one robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
@@ -84,14 +57,10 @@ pub struct Picture {
     pub robot: Option<String>,
     /// Control period \[ns\]; 0 if it is unknown.
     pub period_nanos: u64,
-    /// Newest state.
-    pub state: Option<Box<PlantState>>,
+    /// Its present state, and the events.
+    pub run: RunView,
     /// Newest plan.
     pub plan: Option<Box<Plan>>,
-    /// The present goal, or the last one.
-    pub goal: Option<Goal>,
-    /// Obstacles, by source.
-    pub obstacles: BTreeMap<ObstacleSource, SeenObstacles>,
     /// Past positions \[m\].
     pub path: Trail<[f64; 2]>,
     /// Past reference positions \[m\].
@@ -102,10 +71,6 @@ pub struct Picture {
     pub one_step: Trail<OneStep>,
     /// Time from the received state to the computed command \[ns\].
     pub tick_nanos: Trail<u64>,
-    /// Its processes.
-    pub processes: BTreeMap<Participant, Process>,
-    /// Events, with the time of the run \[s\]; oldest first.
-    pub events: Vec<(f64, String)>,
     presence: Presence,
     back: Option<Instant>,
 }
@@ -117,17 +82,13 @@ impl Picture {
             endpoint: endpoint.to_owned(),
             robot: None,
             period_nanos: 0,
-            state: None,
+            run: RunView::default(),
             plan: None,
-            goal: None,
-            obstacles: BTreeMap::new(),
             path: Trail::default(),
             reference: Trail::default(),
             error: Trail::default(),
             one_step: Trail::default(),
             tick_nanos: Trail::default(),
-            processes: BTreeMap::new(),
-            events: Vec::new(),
             presence: Presence::default(),
             back: None,
         }
@@ -140,13 +101,11 @@ impl Picture {
         }
         self.period_nanos = word.period_nanos;
         match word.said {
-            Heard::State(state) => self.hear_state(state, now),
+            Heard::State(state) => self.hear_state(&state, now),
             Heard::Plan(plan) => self.hear_plan(plan),
-            Heard::Health(health) => self.hear_health(health, now),
-            Heard::Goal(goal) => self.hear_goal(*goal),
-            Heard::Obstacles(list) => {
-                self.obstacles.insert(list.source(), SeenObstacles { list, heard: now });
-            }
+            Heard::Health(health) => self.run.hear_health(&health, now),
+            Heard::Goal(goal) => self.run.hear_goal(&goal),
+            Heard::Obstacles(list) => self.run.hear_obstacles(&list, now),
         }
     }
 
@@ -154,22 +113,16 @@ impl Picture {
     /// obstacles are no longer shown.
     pub fn look(&mut self, now: Instant) {
         if self.presence.falls_silent(now) {
-            self.note("lost: no message from the robot".to_owned());
+            self.run.note(Participant::Plant, What::Lost);
         }
-        self.obstacles.retain(|_, seen| {
-            let valid = Duration::try_from_secs_f64(seen.list.valid_s).unwrap_or_default();
-            now.saturating_duration_since(seen.heard) <= valid.saturating_add(SHOWN_AFTER)
-        });
+        self.run.drop_old_obstacles(now);
     }
 
-    /// Target of the goal that the robot is on the way to, or stands at \[m\].
-    pub fn target(&self) -> Option<[f64; 2]> {
-        let goal = self
-            .goal
-            .as_ref()
-            .filter(|goal| matches!(goal.phase(), GoalPhase::Active | GoalPhase::Reached))?;
-        let [x, y, _] = goal.target;
-        (x.is_finite() && y.is_finite()).then_some([x, y])
+    /// The events with their times \[s\], oldest first.
+    pub fn events(&self) -> impl DoubleEndedIterator<Item = (f64, String)> + '_ {
+        let shown =
+            self.run.events_since(0).filter(|event| !matches!(event.what, What::Refused(_)));
+        shown.map(|event| (self.seconds_of(event.tick), event_text(event)))
     }
 
     /// Whether the robot is present at `now`.
@@ -186,18 +139,9 @@ impl Picture {
         }
     }
 
-    /// The worst exposure that the processes report.
-    pub fn exposure(&self) -> Exposure {
-        self.processes
-            .values()
-            .map(|process| process.health.exposure())
-            .max()
-            .unwrap_or(Exposure::Closed)
-    }
-
     /// Time of the run \[s\].
     pub fn seconds(&self) -> f64 {
-        self.state.as_ref().map_or(0.0, |state| self.seconds_of(state.stamp.tick))
+        self.seconds_of(self.run.tick())
     }
 
     /// Root mean square of the recent one-step errors, per axis; none before the first.
@@ -221,52 +165,32 @@ impl Picture {
 
     /// The losses of one topic.
     pub fn losses_of(&self, topic: Topic) -> Losses {
-        let sum = |count: &dyn Fn(&Health) -> [u64; protocol::topic::TOPIC_COUNT]| {
-            let of_topic = self
-                .processes
-                .values()
-                .filter_map(|process| count(&process.health).get(topic.index()).copied());
-            of_topic.fold(0, u64::saturating_add)
-        };
-        Losses {
-            lost: sum(&|health| health.lost),
-            refused: sum(&|health| health.refused),
-            dropped: sum(&|health| health.dropped),
-        }
+        let of = |counts: &[u64]| counts.get(topic.index()).copied().unwrap_or(0);
+        let healths = self.run.processes.values().map(|process| &process.health);
+        healths.fold(Losses::default(), |sum, health| Losses {
+            lost: sum.lost.saturating_add(of(&health.lost)),
+            refused: sum.refused.saturating_add(of(&health.refused)),
+            dropped: sum.dropped.saturating_add(of(&health.dropped)),
+        })
     }
 
     fn seconds_of(&self, tick: u64) -> f64 {
         tick as f64 * self.period_nanos as f64 * 1e-9
     }
 
-    fn hear_state(&mut self, state: Box<PlantState>, now: Instant) {
+    fn hear_state(&mut self, state: &PlantState, now: Instant) {
         let was_lost = self.presence.heard(now, self.period_nanos);
-        if let Some(before) = &self.state
-            && (before.stamp.epoch, before.stamp.writer) != (state.stamp.epoch, state.stamp.writer)
-        {
+        if self.run.hear_state(state) {
             self.begin_anew();
-            self.note(format!("plant has restarted, epoch {}", state.stamp.epoch));
         }
         if was_lost {
             self.back = Some(now);
-            self.note_at(self.seconds_of(state.stamp.tick), "the robot is back".to_owned());
+            self.run.note(Participant::Plant, What::Back);
         }
-        let before = self.state.as_ref().map(|before| (before.fallback_level(), before.cause()));
-        let seconds = self.seconds_of(state.stamp.tick);
-        if before.is_some_and(|before| before != (state.fallback_level(), state.cause())) {
-            self.note_at(seconds, fallback_level_and_reason(state.fallback_level(), state.cause()));
-        }
+        let seconds = self.seconds();
         let [x, y, _] = state.pose;
         if x.is_finite() && y.is_finite() {
             self.path.push(seconds, [x, y]);
-        }
-        self.state = Some(state);
-    }
-
-    fn hear_goal(&mut self, goal: Goal) {
-        let before = self.goal.replace(goal).map(|before| (before.id, before.phase));
-        if before != Some((goal.id, goal.phase)) {
-            self.note(format!("goal {} ({}): {}", goal.id, goal.kind(), goal.phase()));
         }
     }
 
@@ -290,26 +214,6 @@ impl Picture {
         self.plan = Some(plan);
     }
 
-    fn hear_health(&mut self, health: Box<Health>, now: Instant) {
-        let Some(who) = health.participant() else { return };
-        let (phase, error, epoch) =
-            (health.phase(), health.last_error().to_owned(), health.stamp.epoch);
-        let writer = health.stamp.writer;
-        let before = self
-            .processes
-            .insert(who, Process { health, heard: now })
-            .map(|process| process.health);
-        let started = before.as_ref().is_some_and(|before| before.stamp.writer != writer);
-        if started {
-            self.note(format!("{who} has restarted, epoch {epoch}"));
-        } else if before.as_ref().is_some_and(|before| before.phase() != phase) {
-            self.note(format!("{who} is {phase}"));
-        }
-        if !error.is_empty() && before.is_none_or(|before| before.last_error() != error) {
-            self.note(format!("{who}: {error}"));
-        }
-    }
-
     /// Clears the run, because a new one has begun.
     fn begin_anew(&mut self) {
         self.path.clear();
@@ -317,19 +221,16 @@ impl Picture {
         self.error.clear();
         self.one_step.clear();
         self.tick_nanos.clear();
-        self.obstacles.clear();
         self.plan = None;
     }
+}
 
-    fn note(&mut self, what: String) {
-        self.note_at(self.seconds(), what);
-    }
-
-    fn note_at(&mut self, seconds: f64, what: String) {
-        if self.events.len() == EVENTS_MAX {
-            self.events.remove(0);
-        }
-        self.events.push((seconds, what));
+/// The text of an event. Events of the robot have no name before them.
+fn event_text(Event { who, what, .. }: &Event) -> String {
+    match what {
+        What::Level(_, to, cause) => fallback_level_and_reason(*to, *cause),
+        What::Goal(_) | What::Lost | What::Back => what.to_string(),
+        what => format!("{who}: {what}"),
     }
 }
 
@@ -369,8 +270,8 @@ mod tests {
         picture.hear(specimen::state(2), at(begin, 13_000));
         assert_eq!(picture.contact(at(begin, 13_100)), Contact::Back);
         assert_eq!(picture.contact(at(begin, 19_000)), Contact::Live);
-        let texts: Vec<&str> = picture.events.iter().map(|(_, what)| what.as_str()).collect();
-        assert_eq!(texts, ["lost: no message from the robot", "the robot is back"]);
+        let events = picture.run.events_since(0).map(|event| event.what.clone());
+        assert_eq!(events.collect::<Vec<_>>(), [What::Lost, What::Back]);
     }
 
     #[test]
@@ -388,7 +289,7 @@ mod tests {
         let mut picture = Picture::new("");
         picture.hear(specimen::state(1), begin);
         picture.hear(Word { robot: "another".into(), ..specimen::state(70) }, begin);
-        assert_eq!(picture.state.map(|state| state.stamp.tick), Some(1));
+        assert_eq!(picture.run.state.map(|state| state.stamp.tick), Some(1));
         assert_eq!(picture.robot.as_deref(), Some(specimen::ROBOT));
     }
 
@@ -424,9 +325,9 @@ mod tests {
             (1, 0, true)
         );
         assert!(
-            picture.events.iter().any(|(_, what)| what == "plant has restarted, epoch 2"),
+            picture.run.events_since(0).any(|event| event.what == What::NewRun(2)),
             "{:?}",
-            picture.events
+            picture.run
         );
     }
 
@@ -437,9 +338,9 @@ mod tests {
         picture.hear(specimen::state(1), begin);
         picture.hear(specimen::obstacles(), begin);
         picture.look(at(begin, 1400));
-        assert_eq!(picture.obstacles.len(), 1);
+        assert_eq!(picture.run.obstacles.len(), 1);
         picture.look(at(begin, 1600));
-        assert!(picture.obstacles.is_empty());
+        assert!(picture.run.obstacles.is_empty());
     }
 
     #[test]

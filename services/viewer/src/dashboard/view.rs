@@ -203,8 +203,9 @@ mod tests {
         view.live().hear(specimen::state(1), begin);
         view.press(KeyEvent::new(KeyCode::Char(' '), KeyModifiers::NONE), begin);
         view.live().hear(specimen::state(2), begin);
-        let tick =
-            |view: &View| view.shown(Instant::now()).0.state.as_ref().map(|state| state.stamp.tick);
+        let tick = |view: &View| {
+            view.shown(Instant::now()).0.run.state.as_ref().map(|state| state.stamp.tick)
+        };
         assert_eq!(
             (view.is_held(), tick(&view), view.shown(Instant::now()).1),
             (true, Some(1), begin)

@@ -17,7 +17,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let (picture, look) = (scene.picture, scene.look);
     let well = Style::new().fg(look.good());
     let mut lines = Vec::new();
-    if let Some(state) = &picture.state {
+    if let Some(state) = &picture.run.state {
         let style =
             if state.fallback_level() == FallbackLevel::FreshPlan { well } else { look.alarm() };
         lines.push(row("level", Span::styled(state.fallback_level().text(), style)));
@@ -25,7 +25,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
             if state.cause() == Reason::None { "nothing unusual" } else { state.cause().text() };
         lines.push(row("reason", Span::raw(reason)));
     }
-    if let Some(goal) = &picture.goal {
+    if let Some(goal) = &picture.run.goal {
         lines.push(row("goal", Span::raw(goal_text(goal))));
     }
     if let Some(plan) = &picture.plan {
@@ -39,7 +39,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
         );
         lines.push(row("tick", Span::styled(tick, if late { look.alarm() } else { Style::new() })));
     }
-    if let Some(process) = picture.processes.get(&Participant::Controller) {
+    if let Some(process) = picture.run.processes.get(&Participant::Controller) {
         let (met, missed) = (process.health.deadlines_met, process.health.deadlines_missed);
         let text = format!("{missed} of {} periods", met.saturating_add(missed));
         lines.push(row(

@@ -8,11 +8,9 @@ use ratatui::widgets::Paragraph;
 
 pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let block = block(" Events ", scene.look);
-    let events = &scene.picture.events;
-    let first = events.len().saturating_sub(usize::from(block.inner(area).height));
-    let lines = events
-        .iter()
-        .skip(first)
-        .map(|(seconds, what)| Line::from(format!("{seconds:7.1} s  {what}")));
-    frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(block), area);
+    let newest = scene.picture.events().rev().take(usize::from(block.inner(area).height));
+    let lines = newest.map(|(seconds, what)| Line::from(format!("{seconds:7.1} s  {what}")));
+    let mut lines: Vec<Line<'_>> = lines.collect();
+    lines.reverse();
+    frame.render_widget(Paragraph::new(lines).block(block), area);
 }

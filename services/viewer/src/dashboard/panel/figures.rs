@@ -13,7 +13,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     if let Some((_, error)) = picture.error.last() {
         lines.push(Line::from(format!("error {error:.3} m")));
     }
-    if let Some(state) = &picture.state {
+    if let Some(state) = &picture.run.state {
         let [x, y, yaw] = state.pose;
         lines.push(Line::from(fallback_level_and_reason(state.fallback_level(), state.cause())));
         lines.push(Line::from(format!("x {x:.2}  y {y:.2}  yaw {yaw:.2}")));

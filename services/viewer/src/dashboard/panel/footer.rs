@@ -13,7 +13,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, driving:
         return;
     }
     let mut line = Line::from(Span::styled(KEYS, scene.look.strong()));
-    if let Some((seconds, what)) = scene.picture.events.last() {
+    if let Some((seconds, what)) = scene.picture.events().next_back() {
         line.push_span(format!("   {seconds:.1} s: {what}"));
     }
     frame.render_widget(line, area);

@@ -32,7 +32,7 @@ pub(super) fn draw(
     };
     let picture = scene.picture;
     let mut word = Line::from(Span::styled(word, style)).right_aligned();
-    let insecure = match (picture.exposure(), area.width) {
+    let insecure = match (picture.run.exposure(), area.width) {
         (Exposure::Closed, _) => String::new(),
         (_, ..80) => "INSECURE  ".to_owned(),
         (exposure, _) => format!("INSECURE: {exposure}  "),
@@ -40,7 +40,7 @@ pub(super) fn draw(
     word.spans.insert(0, Span::styled(insecure, scene.look.alarm()));
     let who =
         format!("{} at {}", picture.robot.as_deref().unwrap_or("no robot yet"), picture.endpoint);
-    let when = picture.state.as_ref().map_or_else(String::new, |state| {
+    let when = picture.run.state.as_ref().map_or_else(String::new, |state| {
         format!("{:.1} s, tick {}", picture.seconds(), state.stamp.tick)
     });
     let room = usize::from(area.width).saturating_sub(word.width() + 2);

@@ -24,7 +24,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     };
     let short = area.height < LARGE_ROWS;
     let lines: Vec<Line<'_>> = match losses.as_slice() {
-        [] if scene.picture.processes.is_empty() => Vec::new(),
+        [] if scene.picture.run.processes.is_empty() => Vec::new(),
         [] => vec![Line::styled("none", style)],
         some if short => {
             let all = some.iter().map(|(topic, of)| {

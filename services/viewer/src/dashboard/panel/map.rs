@@ -55,10 +55,10 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, window: 
         Span::styled("· reference ", look.reference()),
         Span::styled("o predicted ", look.good()),
     ];
-    if scene.picture.target().is_some() {
+    if scene.picture.run.target().is_some() {
         legend.push(Span::styled("x goal ", look.strong()));
     }
-    if !scene.picture.obstacles.is_empty() && area.width >= OBSTACLE_LEGEND_WIDTH {
+    if !scene.picture.run.obstacles.is_empty() && area.width >= OBSTACLE_LEGEND_WIDTH {
         legend.push(Span::styled("⠶ obstacle ", look.obstacle()));
     }
     let [x, y] = [0, 1].map(|axis| {
@@ -75,7 +75,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>, window: 
 
 fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
     let (picture, look) = (scene.picture, scene.look);
-    for seen in picture.obstacles.values() {
+    for seen in picture.run.obstacles.values() {
         for numbers in seen.list.rows().iter().filter(|numbers| is_finite(numbers.as_slice())) {
             paint_obstacle(context, numbers, look.obstacle());
         }
@@ -111,10 +111,10 @@ fn paint(context: &mut Context<'_>, scene: Scene<'_>, extent: Extent) {
             );
         }
     }
-    if let Some([x, y]) = picture.target() {
+    if let Some([x, y]) = picture.run.target() {
         context.print(x + right, y - down, Span::styled("x", look.strong()));
     }
-    if let Some(state) = picture.state.as_ref().filter(|state| is_finite(&state.pose)) {
+    if let Some(state) = picture.run.state.as_ref().filter(|state| is_finite(&state.pose)) {
         let [x, y, yaw] = state.pose;
         let ahead = HEADING_DOTS * extent.dot_m;
         context.draw(&stroke([x, y], [x + ahead * yaw.cos(), y + ahead * yaw.sin()], Color::Reset));
@@ -145,7 +145,7 @@ impl Extent {
             MapWindow::Whole => {
                 let places =
                     picture.path.all().chain(picture.reference.all()).map(|(_, place)| place);
-                let places = places.chain(picture.target());
+                let places = places.chain(picture.run.target());
                 let (low, high) = places.fold((robot, robot), |(low, high), place| {
                     (
                         [low[0].min(place[0]), low[1].min(place[1])],

@@ -1,6 +1,5 @@
 //! The status of each process: its phase, the time since its last message, and its last fault.
 
-use super::super::picture::Process;
 use super::{Scene, block};
 use protocol::message::{Participant, Phase};
 use ratatui::Frame;
@@ -8,14 +7,12 @@ use ratatui::layout::{Constraint, Rect};
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Row, Table};
-use std::time::Duration;
+use run_view::Process;
 
 /// Height with one row per process.
 pub(super) const SMALL_ROWS: u16 = 7;
 /// Height with a heading as well.
 pub(super) const LARGE_ROWS: u16 = 8;
-/// Silence after which a process is marked. Processes publish Health ten times a second.
-const SILENT: Duration = Duration::from_secs(1);
 /// A greater epoch is no count of starts.
 const STARTS_MOST: u64 = 99_999;
 
@@ -23,7 +20,7 @@ pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let lines: Vec<Line<'_>> = Participant::ALL
         .iter()
         .map(|who| {
-            let Some(process) = scene.picture.processes.get(who) else {
+            let Some(process) = scene.picture.run.processes.get(who) else {
                 return Line::from(format!("{who:<10} no message"));
             };
             let (silent, style) = silence(scene, process);
@@ -47,7 +44,7 @@ pub(super) fn draw_small(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
 
 pub(super) fn draw_large(frame: &mut Frame<'_>, area: Rect, scene: Scene<'_>) {
     let rows = Participant::ALL.iter().map(|who| {
-        let Some(process) = scene.picture.processes.get(who) else {
+        let Some(process) = scene.picture.run.processes.get(who) else {
             return Row::new([who.to_string(), "no message".to_owned()]);
         };
         let (silent, style) = silence(scene, process);
@@ -89,10 +86,6 @@ fn phase(scene: Scene<'_>, process: &Process) -> Span<'static> {
 /// The time since its last message, and its style.
 fn silence(scene: Scene<'_>, process: &Process) -> (String, Style) {
     let silent = scene.now.saturating_duration_since(process.heard);
-    let style = if silent > SILENT && process.health.phase() != Phase::Finished {
-        scene.look.alarm()
-    } else {
-        Style::new()
-    };
+    let style = if process.is_silent(scene.now) { scene.look.alarm() } else { Style::new() };
     (format!("{:.1} s", silent.as_secs_f64()), style)
 }
