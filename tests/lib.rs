@@ -188,6 +188,14 @@ impl Launched {
         })
     }
 
+    /// Waits until the controllers of this launch have found a plant to answer, this many times.
+    ///
+    /// # Errors
+    /// If they do not in time.
+    pub fn wait_for_controller(&self, times: usize) -> Outcome {
+        self.wait_for_log("controller", "controller_epoch=", times)
+    }
+
     /// The name of the graph, once its first process has received it.
     ///
     /// # Errors
@@ -235,7 +243,7 @@ impl Launched {
     /// # Errors
     /// If it never does.
     pub fn gateway_endpoint(&self) -> Result<String, Box<dyn Error>> {
-        self.wait_for_log("gateway", "watchers may connect", 1)?;
+        self.wait_for_log("gateway", "endpoints=", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
         let endpoint = log
             .lines()
@@ -249,7 +257,7 @@ impl Launched {
     /// # Errors
     /// If it never is.
     pub fn page_address(&self) -> Result<String, Box<dyn Error>> {
-        self.wait_for_log("gateway", "the live page is served", 1)?;
+        self.wait_for_log("gateway", "address=", 1)?;
         let log = fs::read_to_string(self.folder().join("gateway.log"))?;
         let address = log
             .lines()

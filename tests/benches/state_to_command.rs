@@ -92,7 +92,7 @@ fn launch(graph: &str, lock_step: bool) -> Result<(Launched, Links), Box<dyn Err
         }
     }
     if !lock_step {
-        launched.wait_for_log(controller, "started", 1)?;
+        launched.wait_for_log(controller, "settings=", 1)?;
     }
     let robot = launched.folder().join(robot);
     let links = if graph == TWO_HOSTS {

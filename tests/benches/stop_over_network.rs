@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = ["--scenario", "goals", "--duration", "10000", "--certificates", given];
     let command = launch_command(&graph, &home.path().join("run"), &options)?;
     let launched = Launched::by(command, home)?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let file = launched.folder().join("settings/bridge.toml");
     let Settings { run, .. } = read_settings(&file)?;
     let ports = Ports::open(&run.links, Identity::new(0))?;

@@ -44,31 +44,31 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
             "scenarios/paper.toml",
             "speed_mps = 2.7",
             "speed_mps = \"fast\"",
-            ["paper.toml:11", "fast", "expected a number"],
+            ["paper.toml:11", "speed_mps", "fast"],
         ),
         (
             "robots/mecanum.toml",
             "[wheels.mecanum]\nradius_m",
             "[geometry]\nwheel_radius_m",
-            ["mecanum.toml:", "geometry", "expected [wheels.mecanum] with radius_m"],
+            ["mecanum.toml:", "geometry", "[wheels.mecanum]"],
         ),
         (
             "robots/mecanum.toml",
             "track_m = 0.3 ",
             "track_m = 0.25\nrollers = \"X\" ",
-            ["mecanum.toml:", "in every direction", "0.01"],
+            ["mecanum.toml:", "det(JᵀJ)", "0.01"],
         ),
         (
             "robots/mecanum.toml",
             "[wheels.mecanum]",
             "[response]\ntime_constant_s = [0.1, 0.1, 0.1]\n\n[wheels.mecanum]",
-            ["mecanum.toml:", "response", "either [response], or [body] and [drive]"],
+            ["mecanum.toml:", "[response]", "[drive]"],
         ),
         (
             "robots/mecanum.toml",
             "radius_m = 0.05",
             "radius_m = 0.0",
-            ["mecanum.toml:", "radius_m", "from 0.0001"],
+            ["mecanum.toml:", "radius_m", "0.0001"],
         ),
         (
             "graphs/local.toml",
@@ -122,7 +122,7 @@ fn an_impossible_fault_is_named_with_its_file_and_line_and_nothing_is_started() 
             "probability = 0.3",
             "probability = 1.3",
             "real-time",
-            ["faults.toml:16", "1.3", "at most 1"],
+            ["faults.toml:16", "probability", "1.3"],
         ),
         (
             "field = \"velocity\"",
@@ -178,9 +178,7 @@ fn a_folder_that_holds_another_run_is_refused() -> Outcome {
 #[test]
 fn a_wait_for_a_launch_that_refuses_to_start_returns_its_error() -> Outcome {
     let launched = Launched::new(&["--scenario", "papyrus"])?;
-    let text = launched
-        .wait_for_log("gateway", "watchers may connect", 1)
-        .map_err(|error| error.to_string());
-    assert!(text.as_ref().is_err_and(|text| text.contains("papyrus")), "{text:?}");
+    let endpoint = launched.gateway_endpoint().map_err(|error| error.to_string());
+    assert!(endpoint.as_ref().is_err_and(|text| text.contains("papyrus")), "{endpoint:?}");
     Ok(())
 }

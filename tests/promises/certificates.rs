@@ -119,7 +119,7 @@ impl Drive {
         let there = format!("robot={}", hosts.far_address());
         let of = |host, address| ["--host", host, "--address", address, "--duration", "15"];
         let far = launch("", &[&of("control", &there), far].concat(), 1)?;
-        far.wait_for_log("controller", "started", 1)?;
+        far.wait_for_log("controller", "settings=", 1)?;
         let near = launch(tables, &[&of("robot", &here), near].concat(), 0)?;
         Ok(Self { near, far })
     }
@@ -239,7 +239,7 @@ fn unusable_certificates_are_refused_before_any_process_starts() -> Outcome {
     carried(&given, &swapped, &["watcher"])?;
     fs::rename(swapped.join("watcher"), swapped.join("robot-host"))?;
     let swapped = refusal(&swapped, "two-hosts", robot)?;
-    assert!(swapped.contains("is for the role watcher, expected one for robot-host"), "{swapped}");
+    assert!(swapped.contains("watcher") && swapped.contains("robot-host"), "{swapped}");
     for (name, mode) in [
         ("", 0o777),
         ("robot-host", 0o777),

@@ -4,6 +4,7 @@ use promises::{
     Browser, Launched, Outcome, Reader, Record, Screen, binaries, graph_file, launch_command,
     repository, signal,
 };
+use protocol::message::Exposure;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::error::Error;
@@ -36,31 +37,26 @@ fn watch(launched: &Launched) -> Result<Command, Box<dyn Error>> {
     Ok(command)
 }
 
-/// The exposure that each output shows: launch, page, terminal, lines, record, summary and report.
-fn is_shown(
-    changes: &[(&str, &str)],
-    options: &[&str],
-    exposure: &str,
-    on_page: &str,
-    in_report: &str,
-) -> Outcome {
+/// Asserts that launch, page, terminal, lines, record, summary and report show this exposure.
+fn is_shown(changes: &[(&str, &str)], options: &[&str], exposure: Exposure) -> Outcome {
     let launched = launch(changes, &[options, &["--duration", "110"]].concat())?;
     let address = launched.page_address()?.replace("0.0.0.0", "127.0.0.1");
     let mut browser = Browser::start()?;
     browser.open(&address, 1280, 1120)?;
     browser.wait_for("document.getElementById('processes').children.length === 5")?;
-    browser.wait_for(&format!("document.getElementById('insecure').innerText === {on_page:?}"))?;
+    let on_page = "document.getElementById('insecure').dataset.exposure";
+    browser.wait_for(&format!("{on_page} === '{}'", exposure.code()))?;
     // The stop button is for the robot's own machine.
     let is_local = launched.page_address()?.contains("127.0.0.1");
     let button = "document.getElementById('stop').offsetHeight > 0";
     browser.wait_for(&format!("({button}) === {is_local}"))?;
     let seen = browser.ask("document.getElementById('insecure').offsetHeight > 0")?;
-    assert_eq!(seen, !on_page.is_empty(), "on the page");
+    assert_eq!(seen, exposure != Exposure::Closed, "on the page");
 
     let mut lines = Reader::start(watch(&launched)?.arg("--plain"))?;
     let shown = |line: &String| line.contains("INSECURE");
     let wanted = |line: &String| {
-        if exposure == "closed" {
+        if exposure == Exposure::Closed {
             !shown(line)
         } else {
             line.ends_with(&format!("  INSECURE: {exposure}"))
@@ -71,7 +67,7 @@ fn is_shown(
     assert!(printed.iter().skip(15).all(wanted), "{printed:?}");
     let mut screen = Screen::start(&watch(&launched)?, (80, 24))?;
     let shown = screen.wait_for(&[" live", "gateway    running"])?;
-    let wanted = if exposure == "closed" {
+    let wanted = if exposure == Exposure::Closed {
         !shown.contains("INSECURE")
     } else {
         screen.wait_for(&[&format!("INSECURE: {exposure}")]).is_ok()
@@ -82,22 +78,22 @@ fn is_shown(
     signal(launched.pid(), Signal::TERM)?;
     let (ended, home) = launched.end()?;
     assert_eq!(ended.status.code(), Some(143), "{}", ended.text);
-    assert_eq!(ended.text.contains("INSECURE"), exposure != "closed", "{}", ended.text);
+    assert_eq!(ended.text.contains("INSECURE"), exposure != Exposure::Closed, "{}", ended.text);
     let run = home.path().join("run");
     let record = Record::read(&run)?;
     let other = if options.contains(&"--host") { "bridge" } else { "learner" };
     for who in ["plant", "controller", other, "recorder", "gateway"] {
-        let reported = record.health_of(who).all(|health| health.word("exposure") == exposure);
+        let reported =
+            record.health_of(who).all(|health| health.word("exposure") == exposure.text());
         assert!(reported && record.health_of(who).count() > 0, "{who}");
     }
-    assert_eq!(record.summary["exposure"], Value::from(exposure));
+    assert_eq!(record.summary["exposure"], Value::from(exposure.text()));
     let report = fs::read_to_string(run.join("report.html"))?;
-    assert!(report.contains(&format!(
-        "<tr data-key=\"exposure\"><th scope=\"row\">access of unauthenticated peers on the \
-         network</th><td data-value=\"{exposure}\">"
-    )));
-    assert_eq!(report.contains("INSECURE"), !in_report.is_empty());
-    assert!(report.contains(in_report));
+    let row = report.split_once("<tr data-key=\"exposure\">").ok_or("no row")?.1;
+    let value = row.split_once("data-value=\"").ok_or("no value")?.1;
+    assert!(value.starts_with(&format!("{exposure}\"")), "{value:.40}");
+    let notes = report.matches("data-note=\"exposure\"").count();
+    assert_eq!(notes, usize::from(exposure != Exposure::Closed));
     Ok(())
 }
 
@@ -109,16 +105,8 @@ fn every_view_shows_that_strangers_can_drive() -> Outcome {
                  [hosts.training]\nprocesses = [\"learner\"]\n[[connections]]\n\
                  hosts = [\"robot\", \"training\"]\naddress = \"127.0.0.1:0\"\n[telemetry]";
     let changes = [("[telemetry]", hosts)];
-    let on_page = "insecure: unauthenticated peers on the network can drive this robot";
-    let in_report = "<p class=\"note\">run: INSECURE: unauthenticated peers on the network \
-                     could drive this robot</p>";
-    is_shown(
-        &changes,
-        &["--insecure", "--host", "robot", "--address", "training=0.0.0.0:0"],
-        "strangers can drive",
-        on_page,
-        in_report,
-    )
+    let options = ["--insecure", "--host", "robot", "--address", "training=0.0.0.0:0"];
+    is_shown(&changes, &options, Exposure::Driven)
 }
 
 #[test]
@@ -127,14 +115,11 @@ fn every_view_shows_that_strangers_can_watch() -> Outcome {
         ("listen = [\"tcp/127.0.0.1:0\"]", "listen = [\"tcp/0.0.0.0:0\"]"),
         ("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\""),
     ];
-    let on_page = "insecure: unauthenticated peers on the network can watch this robot";
-    let in_report = "<p class=\"note\">run: INSECURE: unauthenticated peers on the network \
-                     could watch this robot</p>";
-    is_shown(&changes, &["--insecure"], "strangers can watch", on_page, in_report)
+    is_shown(&changes, &["--insecure"], Exposure::Watched)
 }
 
 #[test]
 fn no_view_shows_an_exposure_that_does_not_exist() -> Outcome {
     // Permission alone lets no peer reach it.
-    is_shown(&[], &["--insecure"], "closed", "", "")
+    is_shown(&[], &["--insecure"], Exposure::Closed)
 }

@@ -65,7 +65,7 @@ fn reference(plan: &Message) -> Result<[f64; 6], Box<dyn Error>> {
 #[test]
 fn a_goal_in_motion_takes_over_without_a_jump_and_the_robot_stands_at_it() -> Outcome {
     let launched = launch()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let (code, text) = tell(&launched, &["go", "1.0", "0.5", "90deg"])?;
     assert_eq!(code, Some(0), "{text}");
     let mut first = begin(&launched, &["go", "9.0", "0.0", "0"])?;
@@ -121,7 +121,7 @@ fn a_goal_in_motion_takes_over_without_a_jump_and_the_robot_stands_at_it() -> Ou
 #[test]
 fn a_goal_waits_while_the_gate_is_stopped_and_goes_on_after_it() -> Outcome {
     let launched = launch()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let mut going = begin(&launched, &["go", "3.0", "0.0", "0"])?;
     launched.wait_for_log("controller", "goal tick=", 1)?;
     std::thread::sleep(Duration::from_millis(500));
@@ -149,7 +149,7 @@ fn a_goal_waits_while_the_gate_is_stopped_and_goes_on_after_it() -> Outcome {
 #[test]
 fn a_restarted_controller_takes_the_goal_up_again() -> Outcome {
     let launched = launch()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let mut going = begin(&launched, &["go", "4.0", "1.0", "180deg", "--speed", "0.8"])?;
     launched.wait_for_log("controller", "goal tick=", 1)?;
     std::thread::sleep(Duration::from_millis(1500));
@@ -168,7 +168,7 @@ fn a_restarted_controller_takes_the_goal_up_again() -> Outcome {
 #[test]
 fn paths_and_velocities_are_driven_and_impossible_ones_change_nothing() -> Outcome {
     let launched = launch()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let file = launched.home().join("path.csv");
     let follow = |launched: &Launched, text: &str, more: &[&str]| {
         fs::write(&file, text)?;
@@ -249,7 +249,7 @@ fn wait_until_standing(launched: &Launched) -> Result<serde_json::Value, Box<dyn
 #[test]
 fn held_keys_drive_and_without_a_key_the_robot_stands() -> Outcome {
     let launched = launch()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let drive = coxswain(&launched, &["drive", "--dead-man", "2"])?;
     let mut keys = Screen::start(&drive, (100, 24))?;
     keys.wait_for(&["+0.00 +0.00 +0.00"])?;
@@ -299,7 +299,7 @@ fn held_keys_drive_and_without_a_key_the_robot_stands() -> Outcome {
 fn the_terminal_view_drives_after_its_key_and_watches_again() -> Outcome {
     let launched = launch()?;
     let endpoint = launched.gateway_endpoint()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let mut view = Screen::start(&coxswain(&launched, &["watch", &endpoint])?, (100, 30))?;
     view.wait_for(&[" live"])?;
     // Before its key the view drives nothing.
@@ -325,7 +325,7 @@ fn the_terminal_view_drives_after_its_key_and_watches_again() -> Outcome {
 #[test]
 fn driving_by_keyboard_restores_the_terminal_after_any_end() -> Outcome {
     let launched = launch()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let drive = coxswain(&launched, &["drive"])?;
     for way in ["\x1b", "\x03", "INT", "TERM", "HUP"] {
         let mut keys = Screen::start(&drive, (80, 24))?;
@@ -373,7 +373,7 @@ fn short_programs_in_rust_and_python_send_a_goal_and_wait_until_it_is_reached() 
     }
     let launched = launch()?;
     launched.gateway_endpoint()?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let places = [["0.5", "0.2"], ["-0.2", "0.1"]];
     for (number, (mut program, to)) in (1..).zip(programs()?.into_iter().zip(places)) {
         let output = program.args(to).env("TMPDIR", launched.home()).output()?;

@@ -14,7 +14,7 @@ fn kill_in_real_time(
     back: (&str, &str, usize),
 ) -> Result<Record, Box<dyn std::error::Error>> {
     let launched = Launched::new(&["--duration", "12"])?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     launched.wait_for_log("controller", "version=5 ", 1)?;
     let pid = launched.process(program, None)?;
     signal(pid, Signal::KILL)?;
@@ -95,7 +95,7 @@ fn a_killed_recorder_returns_with_a_second_segment_while_the_robot_drives_on() -
 
 #[test]
 fn a_killed_controller_is_succeeded_by_a_higher_epoch_and_the_gate_bridges_the_gap() -> Outcome {
-    let record = kill_in_real_time("controller", ("controller", "answering a plant", 2))?;
+    let record = kill_in_real_time("controller", ("controller", "controller_epoch=", 2))?;
     assert_eq!(epochs(&record, "state").len(), 1, "the plant goes on");
     assert_eq!(epochs(&record, "command").len(), 2);
     let mut acting: Vec<u64> = record
@@ -118,7 +118,7 @@ fn a_killed_controller_is_succeeded_by_a_higher_epoch_and_the_gate_bridges_the_g
 
 #[test]
 fn a_killed_plant_restarts_at_the_scenarios_start_and_is_driven_again() -> Outcome {
-    let record = kill_in_real_time("plant-sim", ("controller", "answering a plant", 2))?;
+    let record = kill_in_real_time("plant-sim", ("controller", "controller_epoch=", 2))?;
     assert_eq!(epochs(&record, "state").len(), 2);
     assert_eq!(epochs(&record, "command").len(), 1, "the controller goes on");
     let second = last(&record, "state").stamp("epoch");

@@ -79,9 +79,7 @@ fn faults_of(
 /// injected it.
 fn injected(log: &Path) -> Result<BTreeMap<usize, u64>, Box<dyn Error>> {
     let mut injected = BTreeMap::new();
-    for line in
-        fs::read_to_string(log)?.lines().filter(|line| line.contains("faults were injected"))
-    {
+    for line in fs::read_to_string(log)?.lines().filter(|line| line.contains(" injected=")) {
         let number = |key: &str| {
             line.split_whitespace().find_map(|word| word.strip_prefix(key)?.parse::<u64>().ok())
         };

@@ -78,7 +78,7 @@ fn two_hosts_drive_together_and_survive_a_cable_that_is_pulled() -> Outcome {
         Launched::by(hosts.on(host, command), home)
     };
     let control = launch("control", &format!("robot={}", hosts.far_address()), 1)?;
-    control.wait_for_log("controller", "started", 1)?;
+    control.wait_for_log("controller", "settings=", 1)?;
     let plant = launch("robot", &format!("control={}", hosts.address()), 0)?;
     control.wait_for_log("controller", "version=5 ", 1)?;
 

@@ -19,7 +19,7 @@ fn left_in(home: &Path) -> Vec<String> {
 fn a_run_that_is_interrupted_ends_cleanly_with_a_summary() -> Outcome {
     for (interruption, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
         let launched = Launched::new(&[])?;
-        launched.wait_for_log("controller", "answering a plant", 1)?;
+        launched.wait_for_controller(1)?;
         let (name, processes) = (launched.graph_name()?, launched.processes());
         assert_eq!(processes.len(), 5);
         signal(launched.pid(), interruption)?;
@@ -52,7 +52,7 @@ fn two_graphs_run_at_the_same_time_without_exchanging_messages() -> Outcome {
 #[test]
 fn a_launcher_that_is_killed_leaves_no_orphans_and_the_next_one_sweeps() -> Outcome {
     let launched = Launched::new(&[])?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let (name, processes) = (launched.graph_name()?, launched.processes());
     signal(launched.pid(), Signal::KILL)?;
     wait_until("the end of the orphans", || processes.iter().all(|&pid| !lives(pid)))?;
@@ -69,7 +69,7 @@ fn a_launcher_that_is_killed_leaves_no_orphans_and_the_next_one_sweeps() -> Outc
 #[test]
 fn after_everything_was_killed_at_once_the_next_launch_drives() -> Outcome {
     let launched = Launched::new(&[])?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let (name, processes) = (launched.graph_name()?, launched.processes());
     signal(launched.pid(), Signal::KILL)?;
     for &pid in &processes {

@@ -218,7 +218,7 @@ fn a_page_of_a_driving_robot_answers_its_own_readers_and_refuses_everything_else
     let address = launched.page_address()?;
     let place = place(&address);
     // The page may be served before the robot drives.
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     for check in [
         answers_its_readers,
         takes_nothing,
@@ -283,7 +283,7 @@ fn a_name_with_markup_is_text_on_the_page_and_in_the_report() -> Outcome {
         .env("TMPDIR", launched.home())
         .env("USER", MARKUP)
         .env_remove("SUDO_USER");
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let refused = set.output()?;
     assert_eq!(refused.status.code(), Some(2), "{refused:?}");
     browser.wait_for("/onerror/.test(document.getElementById('log').innerText)")?;

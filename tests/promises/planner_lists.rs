@@ -27,7 +27,7 @@ fn list(valid_s: f64, corners_m: Vec<Point>) -> PlannerList {
 
 fn launch() -> Result<Launched, Box<dyn Error>> {
     let launched = Launched::graph("local", &["--scenario", "goals", "--duration", "600"])?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     Ok(launched)
 }
 
@@ -155,7 +155,7 @@ fn a_restarted_plant_stays_slow_until_the_planner_sends_again() -> Outcome {
     let far = list(600.0, vec![[0.0, 50.0]]);
     lists.send(&far)?;
     signal(launched.process("plant-sim", None)?, Signal::KILL)?;
-    launched.wait_for_log("controller", "answering a plant", 2)?;
+    launched.wait_for_controller(2)?;
     drive(&launched)?;
     thread::sleep(Duration::from_secs(2));
     let (_, speed) = ahead(&launched).ok_or("no status")?;

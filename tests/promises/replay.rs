@@ -9,7 +9,7 @@ use promises::oracle::{Limits, acquit};
 use promises::{
     Launched, Message, Outcome, Record, graph_file, launch_command, repository, signal,
 };
-use protocol::message::{Coded, Command, FallbackLevel, Message as _, PlantState};
+use protocol::message::{Coded, Command, FallbackLevel, Message as _, PlantState, Reason};
 use protocol::topic::Topic;
 use protocol::{VERSION, frame};
 use rustix::process::Signal;
@@ -202,7 +202,7 @@ fn a_recording_played_in_a_later_run_moves_nothing() -> Outcome {
     assert!(acted.is_empty(), "something recorded acted in ticks {acted:?}");
     // The gate has received every one of them, and logs why none may act.
     let log = fs::read_to_string(run.join("plant.log"))?;
-    let lines = log.lines().filter(|line| line.contains("commands refused: old plant epoch"));
+    let lines = log.lines().filter(|line| line.contains(Reason::OldPlantEpoch.text()));
     let refused: u64 =
         lines.filter_map(|line| line.split_once("count=")?.1.trim().parse::<u64>().ok()).sum();
     assert_eq!(refused, played);

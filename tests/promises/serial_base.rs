@@ -299,7 +299,7 @@ fn a_bad_cable_and_dying_processes_never_move_the_robot_without_a_command() -> O
         assert!(steps.iter().any(|step| step.rejected > 5), "seed {seed}: no velocity line fell");
         every_measurement_is_one_that_was_sent(home.path())?;
         let log = fs::read_to_string(home.path().join("run/plant.log"))?;
-        assert!(log.lines().any(|line| line.contains("serial port: ")), "seed {seed}: {log}");
+        assert!(log.lines().any(|line| line.contains(" fault=")), "seed {seed}: {log}");
     }
     Ok(())
 }
@@ -310,12 +310,12 @@ fn a_port_that_is_none_is_named_before_anything_moves() -> Outcome {
     let (file, missing) = (folder.path().join("file"), folder.path().join("missing"));
     fs::write(&file, "")?;
     for port in [file.as_path(), missing.as_path(), Path::new("/dev/null")] {
-        refused(&quoted(port), &[&port.display().to_string(), "expected"])?;
+        refused(&quoted(port), &[&port.display().to_string()])?;
     }
-    refused("port = \"ttyUSB0\"", &["plant.toml:", "base.port", "an absolute path"])?;
-    refused("port = \"/dev/null\"\nbaud = 300", &["plant.toml:", "base.baud", "115200 to"])?;
+    refused("port = \"ttyUSB0\"", &["plant.toml:", "base.port", "ttyUSB0"])?;
+    refused("port = \"/dev/null\"\nbaud = 300", &["plant.toml:", "base.baud", "300"])?;
     refused("port = \"/dev/null\"\nparity = 1", &["plant.toml:", "base.parity", "baud"])?;
-    refused("baud = 115200", &["plant.toml:", "base.port", "missing"])
+    refused("baud = 115200", &["plant.toml:", "base.port"])
 }
 
 /// A launch with these `settings` of the driver fails, and its error contains all of `parts`.

@@ -37,7 +37,7 @@ fn command(launched: &Launched, arguments: &[&str]) -> Result<Command, Box<dyn E
 /// A robot that drives until the launch ends, and can be watched.
 fn launch() -> Result<Launched, Box<dyn Error>> {
     let launched = Launched::new(&["--duration", "110"])?;
-    launched.wait_for_log("gateway", "watchers may connect", 1)?;
+    launched.gateway_endpoint()?;
     Ok(launched)
 }
 
@@ -260,9 +260,9 @@ fn no_color_is_respected() -> Outcome {
 fn without_a_robot_the_terminal_is_not_changed() -> Outcome {
     let home = tempfile::tempdir()?;
     for (arguments, kind, code, told) in [
-        (&[][..], "xterm", 1, "no graph with a gateway runs on this machine"),
-        (&["tcp/127.0.0.1:1"], "xterm", 1, "nothing to watch at tcp/127.0.0.1:1"),
-        (&["mailbox"], "xterm", 2, "endpoint \"mailbox\" is none"),
+        (&[][..], "xterm", 1, "coxswain watch"),
+        (&["tcp/127.0.0.1:1"], "xterm", 1, "tcp/127.0.0.1:1"),
+        (&["mailbox"], "xterm", 2, "mailbox"),
         (&["tcp/127.0.0.1:1"], "dumb", 2, "--plain"),
     ] {
         let mut command = Command::new(binaries()?.join("coxswain"));

@@ -80,17 +80,34 @@ pub enum AccessError {
         /// The expected role.
         expected: Role,
     },
-    /// The certificate has expired, or is not valid yet.
+    /// The certificate has expired.
     #[error(
-        "{} is {what}: `deploy/certificates` makes a new one; or check this machine's clock",
-        file.display()
+        "{} is expired since {:.1} h: `deploy/certificates` makes a new one; \
+         or check this machine's clock",
+        file.display(), hours(*since_s)
     )]
-    Time {
+    Expired {
         /// The file.
         file: PathBuf,
-        /// How long ago its validity ended, or how long until it begins.
-        what: String,
+        /// Time since the end of its validity \[s\].
+        since_s: i64,
     },
+    /// The certificate is not valid yet.
+    #[error(
+        "{} is valid only in {:.1} h: `deploy/certificates` makes a new one; \
+         or check this machine's clock",
+        file.display(), hours(*in_s)
+    )]
+    TooEarly {
+        /// The file.
+        file: PathBuf,
+        /// Time until the begin of its validity \[s\].
+        in_s: i64,
+    },
+}
+
+fn hours(seconds: i64) -> f64 {
+    seconds as f64 / 3600.0
 }
 
 /// The system's error about `file`.
@@ -169,18 +186,13 @@ impl Credentials {
                 expected: role.clone(),
             });
         }
-        let hours = |seconds: i64| format!("{:.1} h", seconds as f64 / 3600.0);
         if now_s >= certificate.until_s {
-            return Err(AccessError::Time {
-                file: file(),
-                what: format!("expired since {}", hours(now_s - certificate.until_s)),
-            });
+            let since_s = now_s - certificate.until_s;
+            return Err(AccessError::Expired { file: file(), since_s });
         }
         if now_s < certificate.from_s {
-            return Err(AccessError::Time {
-                file: file(),
-                what: format!("valid only in {}", hours(certificate.from_s - now_s)),
-            });
+            let in_s = certificate.from_s - now_s;
+            return Err(AccessError::TooEarly { file: file(), in_s });
         }
         Ok(certificate)
     }

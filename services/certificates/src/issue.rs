@@ -334,7 +334,7 @@ fn write(path: &Path, text: &str) -> Result<(), IssueError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use access::Credentials;
+    use access::{AccessError, Changeable, Credentials};
     use std::error::Error;
 
     fn order() -> Order {
@@ -380,19 +380,17 @@ mod tests {
                     .into_iter()
                     .all(|address| certificate.covers(address) == role.serves())
             );
-            for (now_s, message) in [(2_000, "expired since 0.0 h"), (999, "valid only in 0.0 h")] {
-                assert!(
-                    credentials
-                        .check(&role, now_s)
-                        .is_err_and(|error| error.to_string().contains(message)),
-                    "{now_s}"
-                );
-            }
+            let late = credentials.check(&role, 2_000);
+            assert!(matches!(late, Err(AccessError::Expired { since_s: 0, .. })), "{late:?}");
+            let early = credentials.check(&role, 999);
+            assert!(matches!(early, Err(AccessError::TooEarly { in_s: 1, .. })), "{early:?}");
         }
         let wrong = Credentials::in_folder(out.join("watcher")).check(&Role::Driver, 1_500);
-        assert!(wrong.is_err_and(|error| {
-            error.to_string().contains("for the role watcher, expected one for driver")
-        }));
+        let is_named = matches!(
+            &wrong,
+            Err(AccessError::Role { found: Role::Watcher, expected: Role::Driver, .. })
+        );
+        assert!(is_named, "{wrong:?}");
         Ok(())
     }
 
@@ -420,10 +418,11 @@ mod tests {
             fs::Permissions::from_mode(0o640),
         )?;
         let read = Credentials::in_folder(out.join("robot-host")).read();
-        assert!(read.is_err_and(|error| error.to_string().contains("expected mode 0600")));
+        assert!(matches!(read, Err(AccessError::NotPrivate { mode: 0o640, .. })), "{read:?}");
         fs::set_permissions(authority.join(KEY_FILE), fs::Permissions::from_mode(0o644))?;
         let refused = issue(&authority, &folder.path().join("more"), &order());
-        assert!(refused.is_err_and(|error| error.to_string().contains("expected mode 0600")));
+        let is_about_key = |error: IssueError| matches!(error, IssueError::Authority { reason, .. } if reason.contains(KEY_FILE));
+        assert!(refused.is_err_and(is_about_key));
         Ok(())
     }
 
@@ -444,31 +443,26 @@ mod tests {
             (robot.file(CERTIFICATE_FILE), 0o606, 0o600),
         ] {
             set(&path, open)?;
-            let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
-            let expected = format!(
-                "{} has mode {open:o}: \
-                 expected to be owned by this user or root, and not writable by others",
-                path.display()
+            let refused = robot.read();
+            let expected = Changeable::Open { path: path.clone(), mode: open };
+            assert!(
+                matches!(&refused, Err(AccessError::Changeable(found)) if *found == expected),
+                "{refused:?}"
             );
-            assert!(refused.starts_with(&expected), "{refused}");
             set(&path, closed)?;
             robot.read()?;
         }
         set(folder.path(), 0o777)?;
-        let refused = robot.read().err().map_or_else(String::new, |error| error.to_string());
-        assert!(
-            refused.contains("expected a path that other users cannot replace, but ")
-                && refused.ends_with("has mode 777"),
-            "{refused}"
+        let refused = robot.read();
+        let is_replaceable = matches!(
+            &refused,
+            Err(AccessError::Replaceable { above: Changeable::Open { mode: 0o777, .. }, .. })
         );
+        assert!(is_replaceable, "{refused:?}");
         set(&authority, 0o777)?;
-        let refused = issue(&authority, &folder.path().join("more"), &order())
-            .err()
-            .map_or_else(String::new, |error| error.to_string());
-        assert!(
-            refused.contains("has mode 777: expected to be owned by this user or root"),
-            "{refused}"
-        );
+        let refused = issue(&authority, &folder.path().join("more"), &order());
+        let has_mode = |error: &IssueError| matches!(error, IssueError::Authority { reason, .. } if reason.contains("777"));
+        assert!(refused.as_ref().is_err_and(has_mode), "{refused:?}");
         Ok(())
     }
 

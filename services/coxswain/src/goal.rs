@@ -186,8 +186,8 @@ pub fn send(request: &GoalRequest, run: Option<&Path>, base: &Path) -> Result<Ac
     let from_tick = match settled.answer.outcome {
         Outcome::Applied { acts_from_tick, .. } => acts_from_tick,
         // `set` returns it as an error.
-        Outcome::Refused { reason, .. } => {
-            return Err(SetError::Refused { role: Participant::Controller, reason }.into());
+        Outcome::Refused { code, reason } => {
+            return Err(SetError::Refused { role: Participant::Controller, code, reason }.into());
         }
     };
     Ok(Accepted { id: settled.number, from_tick, joined, goals, states })

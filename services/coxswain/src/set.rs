@@ -77,10 +77,12 @@ pub enum SetError {
     #[error(transparent)]
     Ask(#[from] AskError),
     /// The process rejected the change.
-    #[error("rejected by the {role}: {reason}")]
+    #[error("rejected by the {role} ({code}): {reason}")]
     Refused {
         /// Role of the process.
         role: Participant,
+        /// Kind of the rejection, for programs.
+        code: String,
         /// Why not.
         reason: String,
     },
@@ -206,7 +208,9 @@ fn address(text: &str) -> Result<String, String> {
 fn accepted(settled: Settlement, role: Participant) -> Result<Settlement, SetError> {
     match &settled.answer.outcome {
         Outcome::Applied { .. } => Ok(settled),
-        Outcome::Refused { reason, .. } => Err(SetError::Refused { role, reason: reason.clone() }),
+        Outcome::Refused { code, reason } => {
+            Err(SetError::Refused { role, code: code.clone(), reason: reason.clone() })
+        }
     }
 }
 

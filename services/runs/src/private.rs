@@ -120,15 +120,14 @@ mod tests {
     use std::error::Error;
     use std::os::unix::fs::{PermissionsExt, chown, symlink};
 
-    /// Error text for a directory in `parent` that `prepare` has created.
-    fn said(
+    /// Error for a directory in `parent` that `prepare` has created.
+    fn refusal(
         parent: &Path,
         prepare: impl FnOnce(&Path) -> io::Result<()>,
-    ) -> Result<String, Box<dyn Error>> {
+    ) -> Result<NotPrivate, Box<dyn Error>> {
         let folder = parent.join("folder");
         prepare(&folder)?;
-        let text = make(&folder).err().map_or_else(String::new, |error| error.to_string());
-        Ok(text.replace(&folder.display().to_string(), "FOLDER"))
+        make(&folder).err().ok_or_else(|| "it was accepted".into())
     }
 
     fn with_mode(folder: &Path, mode: u32) -> io::Result<()> {
@@ -155,12 +154,11 @@ mod tests {
     fn a_directory_that_others_can_enter_is_rejected_with_its_mode() -> Result<(), Box<dyn Error>> {
         for mode in [0o755, 0o770, 0o707, 0o720, 0o702, 0o701, 0o1777] {
             let parent = tempfile::tempdir()?;
-            let refused = said(parent.path(), |folder| with_mode(folder, mode))?;
-            let expected =
-                "FOLDER: expected a folder without access for other users, mode 700, this has mode";
-            assert_eq!(
-                refused,
-                format!("{expected} {mode:o}: `chmod 700 FOLDER` if all in it is yours")
+            let refused = refusal(parent.path(), |folder| with_mode(folder, mode))?;
+            assert!(
+                matches!(&refused, NotPrivate::Open { folder, mode: found }
+                    if *found == mode && folder.ends_with("folder")),
+                "{refused:?}"
             );
         }
         Ok(())
@@ -169,15 +167,13 @@ mod tests {
     #[test]
     fn links_and_files_are_rejected() -> Result<(), Box<dyn Error>> {
         let (own, parent) = (tempfile::tempdir()?, tempfile::tempdir()?);
-        let linked = said(parent.path(), |folder| symlink(own.path(), folder))?;
-        assert_eq!(linked, "FOLDER: expected a folder, this is a symbolic link");
-        let slash = check(&parent.path().join("folder/")).map_err(|error| error.to_string());
-        assert!(slash.is_err_and(|text| text.ends_with("this is a symbolic link")));
+        let linked = refusal(parent.path(), |folder| symlink(own.path(), folder))?;
+        assert!(matches!(linked, NotPrivate::NoFolder { link: true, .. }), "{linked:?}");
+        let slash = check(&parent.path().join("folder/"));
+        assert!(matches!(slash, Err(NotPrivate::NoFolder { link: true, .. })), "{slash:?}");
         let parent = tempfile::tempdir()?;
-        assert_eq!(
-            said(parent.path(), |folder| fs::write(folder, ""))?,
-            "FOLDER: expected a folder, this is none"
-        );
+        let file = refusal(parent.path(), |folder| fs::write(folder, ""))?;
+        assert!(matches!(file, NotPrivate::NoFolder { link: false, .. }), "{file:?}");
         Ok(())
     }
 
@@ -185,10 +181,11 @@ mod tests {
     fn a_directory_that_others_can_replace_is_rejected() -> Result<(), Box<dyn Error>> {
         let parent = tempfile::tempdir()?;
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o777))?;
-        let refused = said(parent.path(), |folder| with_mode(folder, 0o700))?;
+        let refused = refusal(parent.path(), |folder| with_mode(folder, 0o700))?;
+        let expected = Changeable::Open { path: parent.path().canonicalize()?, mode: 0o777 };
         assert!(
-            refused.starts_with("FOLDER: expected a path that other users cannot replace, but ")
-                && refused.ends_with("has mode 777")
+            matches!(&refused, NotPrivate::Replaceable { above, .. } if *above == expected),
+            "{refused:?}"
         );
         fs::set_permissions(parent.path(), fs::Permissions::from_mode(0o1777))?;
         make(&parent.path().join("folder"))?;
@@ -203,14 +200,11 @@ mod tests {
         make(&parent.join("folder"))?;
         for mode in [0o777, 0o757] {
             fs::set_permissions(&open, fs::Permissions::from_mode(mode))?;
-            let refused = said(&parent, |_| Ok(()))?;
-            assert_eq!(
-                refused,
-                format!(
-                    "FOLDER: expected a path that other users cannot replace, but {} has mode \
-                     {mode:o}",
-                    open.display()
-                )
+            let refused = refusal(&parent, |_| Ok(()))?;
+            let expected = Changeable::Open { path: open.clone(), mode };
+            assert!(
+                matches!(&refused, NotPrivate::Replaceable { above, .. } if *above == expected),
+                "{refused:?}"
             );
         }
         Ok(())
@@ -225,10 +219,13 @@ mod tests {
             return Ok(());
         }
         let parent = tempfile::tempdir()?;
-        let refused = said(parent.path(), |folder| {
+        let refused = refusal(parent.path(), |folder| {
             with_mode(folder, 0o700).and_then(|()| chown(folder, Some(65_534), None))
         })?;
-        assert_eq!(refused, "FOLDER: expected a folder of user 0, this is one of user 65534");
+        assert!(
+            matches!(refused, NotPrivate::Foreign { owner: 65_534, user: 0, .. }),
+            "{refused:?}"
+        );
         Ok(())
     }
 }

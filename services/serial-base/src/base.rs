@@ -239,7 +239,7 @@ impl Drop for SerialBase {
 
 /// Logs the number of faults of one kind.
 fn tell((fault, count): &(Fault, u64)) {
-    tracing::warn!(count, "serial port: {fault}");
+    tracing::warn!(count, %fault, "serial port");
 }
 
 impl SensorLine {

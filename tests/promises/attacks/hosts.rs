@@ -49,7 +49,7 @@ fn no_peer_but_the_other_host_reaches_the_bridge_of_a_driving_robot() -> Outcome
     let folder = certificates.folder();
     let given = folder.to_str().ok_or("no text")?;
     let launched = Launched::graph("two-hosts", &["--duration", "15", "--certificates", given])?;
-    launched.wait_for_log("control/controller", "answering a plant", 1)?;
+    launched.wait_for_log("control/controller", "controller_epoch=", 1)?;
     let endpoint = endpoint(&launched, "robot/settings/bridge.toml")?;
     let address = endpoint.split_once('/').ok_or("no address")?.1.to_owned();
     let mut peers = strangers(&certificates, "control")?;
@@ -164,7 +164,7 @@ fn when_a_certificate_ends_while_driving_the_robot_brakes() -> Outcome {
     let short = certificates.issue("authority", "short", ROBOT, (-HOUR_S, ENDS_AFTER_S))?;
     let given = short.to_str().ok_or("no text")?;
     let launched = Launched::graph("two-hosts", &["--duration", "25", "--certificates", given])?;
-    launched.wait_for_log("control/controller", "answering a plant", 1)?;
+    launched.wait_for_log("control/controller", "controller_epoch=", 1)?;
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     let record = Record::read(&home.path().join("run/robot"))?;
@@ -200,7 +200,7 @@ fn a_flood_by_another_host_costs_the_local_processes_no_fresh_plan() -> Outcome 
         ["--host", "robot", "--address", &address, "--duration", "12", "--certificates", given];
     let command = launch_command(&file, &home.path().join("run"), &options)?;
     let launched = Launched::by(command, home)?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let endpoint = format!("tls/127.0.0.1:{port}");
     let session = connect(&endpoint, &Shows::Certificate(certificates.of(&host("training"))))?;
     let hello = format!("{{\"version\":{VERSION},\"instance\":7,\"lock_step\":false}}");

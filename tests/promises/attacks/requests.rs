@@ -57,7 +57,7 @@ impl Reached {
         let options = ["--scenario", "goals", "--duration", "600", "--certificates", given];
         let command = launch_command(&graph, &home.path().join("run"), &options)?;
         let launched = Launched::by(command, home)?;
-        launched.wait_for_log("controller", "answering a plant", 1)?;
+        launched.wait_for_controller(1)?;
         Ok(Self { launched, certificates, graph, endpoint: format!("tls/127.0.0.1:{port}") })
     }
 

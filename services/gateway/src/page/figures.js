@@ -28,8 +28,10 @@ function showHead() {
   if (!hello) return;
   const { about } = hello;
   show("robot", hello.robot);
-  const exposed = EXPOSURES[Math.max(0, ...store.processes.map((process) => process.exposure))];
+  const exposure = Math.max(0, ...store.processes.map((process) => process.exposure));
+  const exposed = EXPOSURES[exposure];
   show("insecure", exposed);
+  byId("insecure").dataset.exposure = exposure;
   byId("insecure").hidden = !exposed;
   document.title = `${hello.robot} · Coxswain`;
   const limits = [
@@ -75,6 +77,7 @@ function showCompared(since) {
     text = shown >= 1 ? `${times(shown)} × less error` : `${times(1 / shown)} × more error`;
   }
   show("compared", text, shown !== null && shown >= 1.05 ? "good" : "");
+  byId("compared").dataset.ratio = shown;
   const before = short === null ? "" : `last ${SHORT_S} s. `;
   const after = whole === null ? "" : ` (${times(whole)} ×)`;
   show("compared-more", `${before}${soFar}${after}`);
@@ -88,6 +91,7 @@ function showFigures() {
   const driving = state[S.fallbackLevel] <= 1;
   const level = names(hello.fallback_levels, state[S.fallbackLevel]);
   show("fallback-level", level, driving ? "" : "bad");
+  byId("fallback-level").dataset.level = state[S.fallbackLevel];
   const reason = state[S.reason] ? names(hello.reasons, state[S.reason]) : "no fault";
   show("fallback-level-more", reason);
   const [x, y, speed] = [S.x, S.y, S.speed].map((column) => state[column].toFixed(2));
@@ -101,10 +105,12 @@ function showFigures() {
   const [main, whole] = [P.residual, P.innovation].map((column) => rms(plans, column, since));
   show("residual", `${small(main)} → ${small(whole)} m/s`);
   show("model", plan[P.version] ? `version ${plan[P.version]}` : "none yet");
+  byId("model").dataset.version = plan[P.version];
   if (model) {
     const plane = (score) => Math.hypot(score[0] || 0, score[1] || 0);
     const [learned, nominal] = [small(plane(model.learned)), small(plane(model.main))];
     const heldOut = `held out: ${learned} instead of ${nominal} m/s`;
+    byId("model-more").dataset.samples = model.samples;
     show("model-more", `${model.samples ? heldOut : "not yet scored"}; ${model.points} points`);
   }
   const period = hello.period * 1e6;
@@ -150,7 +156,7 @@ function showLog() {
   list.dataset.shown = shown;
   list.replaceChildren(...store.entries.slice().reverse().map((entry) => {
     const item = document.createElement("li");
-    item.dataset.sort = entry.sort;
+    Object.assign(item.dataset, { sort: entry.sort, who: entry.who, code: entry.code });
     const time = element("span", `${entry.t.toFixed(1)} s`, "quiet");
     item.append(time, element("span", entry.who), element("span", entry.text));
     return item;

@@ -9,11 +9,11 @@ function subscribe(onState) {
   let received = performance.now();
   let state = "waiting";
 
-  const report = (sort, text) => note({ t: now(), sort, who: "page", text });
+  const report = (sort, code, text) => note({ t: now(), sort, code, who: "page", text });
   const setState = (next) => {
     if (next !== state) {
-      if (next === "lost") report("fault", "the connection is lost");
-      if (next === "live" && state === "lost") report("mended", "connected again");
+      if (next === "lost") report("fault", "disconnected", "the connection is lost");
+      if (next === "live" && state === "lost") report("mended", "connected", "connected again");
     }
     state = next;
     onState(state);

@@ -90,37 +90,32 @@ fn write_facts(html: &mut String, record: &Record) {
         escape(&facts.join(", ")),
         escape(&listed(&record.files))
     );
-    let mut notes = Vec::new();
-    match summary.exposure {
-        Exposure::Closed => {}
-        Exposure::Watched => {
-            notes.push(
-                "INSECURE: unauthenticated peers on the network could watch this robot".to_owned(),
-            );
-        }
-        Exposure::Driven => {
-            notes.push(
-                "INSECURE: unauthenticated peers on the network could drive this robot".to_owned(),
-            );
-        }
+    let mut note = |code: &str, text: &str| {
+        let (name, text) = (escape(&record.name), escape(text));
+        let _ = write!(html, "<p class=\"note\" data-note=\"{code}\">{name}: {text}</p>");
+    };
+    let can = match summary.exposure {
+        Exposure::Closed => "",
+        Exposure::Watched => "watch",
+        Exposure::Driven => "drive",
+    };
+    if !can.is_empty() {
+        let text = format!("INSECURE: unauthenticated peers on the network could {can} this robot");
+        note("exposure", &text);
     }
     if !record.ended_early.is_empty() {
-        notes.push(format!(
-            "ends early, cut off or still being written; read as far as it goes: {}",
-            listed(&record.ended_early)
-        ));
+        let text = "ends early, cut off or still being written; read as far as it goes";
+        note("ends-early", &format!("{text}: {}", listed(&record.ended_early)));
     }
     if summary.plant_epochs > 1 {
-        notes.push(format!(
-            "the plant was started {} times: all figures are about the last start",
-            summary.plant_epochs
-        ));
+        let epochs = summary.plant_epochs;
+        let text =
+            format!("the plant was started {epochs} times: all figures are about the last start");
+        note("restarted", &text);
     }
     if record.passed_over > 0 {
-        notes.push(format!("{} messages could not be read and were skipped", record.passed_over));
-    }
-    for note in notes {
-        let _ = write!(html, "<p class=\"note\">{}: {}</p>", escape(&record.name), escape(&note));
+        let text = format!("{} messages could not be read and were skipped", record.passed_over);
+        note("skipped", &text);
     }
 }
 
