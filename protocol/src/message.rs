@@ -10,6 +10,7 @@ mod define;
 pub mod field;
 mod goal;
 mod health;
+mod kinds;
 mod model_snapshot;
 mod obstacles;
 mod plan;

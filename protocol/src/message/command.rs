@@ -1,7 +1,7 @@
 //! controller → plant: what the wheels do now, and what they do if no further command arrives.
 
 use super::define::message;
-use super::field::first;
+use super::kinds::first;
 use super::{FallbackLevel, Reason};
 
 /// Longest tail \[periods\]. The gate brakes from 3 periods on, so a longer one would never be

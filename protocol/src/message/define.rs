@@ -278,19 +278,19 @@ macro_rules! name {
 
 /// The type that treats a field.
 macro_rules! kind {
-    () => { $crate::message::field::Plain };
-    (code($enum:ty)) => { $crate::message::field::Code<$enum> };
-    (at_most($max:expr)) => { $crate::message::field::AtMost<{ $max as u32 }> };
-    (size($max:expr)) => { $crate::message::field::AtMost<{ $max as u32 }, false> };
-    (flag) => { $crate::message::field::AtMost<1> };
-    (stop_request) => { $crate::message::field::StopRequest };
-    (leading($($count:tt)+)) => { $crate::message::field::Leading };
-    (length($max:expr)) => { $crate::message::field::Count<{ $max as u32 }, true> };
-    (count($max:expr)) => { $crate::message::field::Count<{ $max as u32 }> };
-    (rows($($count:tt)+)) => { $crate::message::field::Rows };
-    (text($count:ident)) => { $crate::message::field::Text };
-    (by_topic) => { $crate::message::field::ByTopic };
-    (unused) => { $crate::message::field::Unused };
+    () => { $crate::message::kinds::Plain };
+    (code($enum:ty)) => { $crate::message::kinds::Code<$enum> };
+    (at_most($max:expr)) => { $crate::message::kinds::AtMost<{ $max as u32 }> };
+    (size($max:expr)) => { $crate::message::kinds::AtMost<{ $max as u32 }, false> };
+    (flag) => { $crate::message::kinds::AtMost<1> };
+    (stop_request) => { $crate::message::kinds::StopRequest };
+    (leading($($count:tt)+)) => { $crate::message::kinds::Leading };
+    (length($max:expr)) => { $crate::message::kinds::Count<{ $max as u32 }, true> };
+    (count($max:expr)) => { $crate::message::kinds::Count<{ $max as u32 }> };
+    (rows($($count:tt)+)) => { $crate::message::kinds::Rows };
+    (text($count:ident)) => { $crate::message::kinds::Text };
+    (by_topic) => { $crate::message::kinds::ByTopic };
+    (unused) => { $crate::message::kinds::Unused };
 }
 
 /// How much of a field counts.
@@ -321,7 +321,7 @@ macro_rules! counted {
         let count = $count
             .checked_sub(0 $(+ $more)?)
             .and_then(|count| u32::try_from(count).ok())
-            .filter(|count| [$crate::message::field::UNKNOWN, *count].contains(&$message.$field))
+            .filter(|count| [$crate::message::kinds::UNKNOWN, *count].contains(&$message.$field))
             .ok_or_else(|| $refused($crate::message::define::ROWS_DIFFER))?;
         $message.$field = count;
     };

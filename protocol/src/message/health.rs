@@ -1,7 +1,7 @@
 //! every process → launcher, recorder, watchers: its condition.
 
 use super::define::message;
-use super::field::text;
+use super::kinds::text;
 use super::{Exposure, Participant, Phase};
 use crate::topic::TOPIC_COUNT;
 

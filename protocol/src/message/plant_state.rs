@@ -1,7 +1,7 @@
 //! plant → controller: what the sensors measured, and what the gate did.
 
 use super::define::message;
-use super::field::first;
+use super::kinds::first;
 use super::{FallbackLevel, GateState, Reason};
 
 /// Most wheels that a robot can have.
