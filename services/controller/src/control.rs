@@ -12,6 +12,8 @@
 //! Between a state and its command nothing here allocates, locks, logs, blocks, or touches a file
 //! or socket.
 
+mod between_ticks;
+mod decide;
 mod goal_watch;
 mod guard;
 mod planner;
@@ -22,7 +24,6 @@ pub mod tuning;
 
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::complaints::LimitsInUse;
-use crate::goal::{Course, Outlook};
 use crate::identified::Identified;
 use crate::knowledge::{Knowledge, Measured, Period};
 use crate::mpc::{MpcError, Solved};
@@ -37,8 +38,7 @@ use model::residual::bound;
 use model::{State, Velocity};
 use planner::Planner;
 use protocol::message::{
-    Command, FallbackLevel, GateState, Goal, ObstacleSource, Plan, PlantState, Reason,
-    ResidualSample,
+    Command, FallbackLevel, GateState, ObstacleSource, Plan, PlantState, Reason, ResidualSample,
 };
 use publisher::Publisher;
 use robot::{Limits, Obstacle};
@@ -66,8 +66,6 @@ pub enum ControllerError {
 const HELD_UP: (f64, f64) = (0.25, 0.5);
 /// A reference that is slower stands \[m/s\].
 const STANDS_MPS: f64 = 0.01;
-/// Interval at which the present goal is told \[s\].
-const GOAL_EVERY_S: f64 = 0.1;
 
 /// The previous state, to find the effect of the input in between.
 #[derive(Debug, Clone, Copy)]
@@ -383,73 +381,6 @@ impl Controller {
         self.publisher.command_mut()
     }
 
-    /// The command by plan, by the simple controller where plans do not hold the robot, or by the
-    /// LQR where there is no plan.
-    fn decide(&mut self, measured: &State) -> Decision {
-        if self.method == Method::FeedforwardP {
-            return Decision {
-                fallback_level: FallbackLevel::FreshPlan,
-                reason: Reason::None,
-                input: self.planner.simple(measured, &self.knowledge),
-                solved: None,
-            };
-        }
-        let solved = self.planner.plan(measured, &mut self.knowledge);
-        if self.guard.prefers_simple() {
-            self.guard.choice.look(solved.outcome);
-            return Decision {
-                fallback_level: FallbackLevel::Simple,
-                reason: Reason::NoPlan,
-                input: self.planner.simple(measured, &self.knowledge),
-                solved: Some(solved),
-            };
-        }
-        let (fallback_level, input) = self
-            .guard
-            .choice
-            .choose(solved.outcome, &self.planner.mpc, &self.knowledge.last_command())
-            .unwrap_or_else(|| {
-                (FallbackLevel::Simple, self.planner.lqr(measured, &self.knowledge))
-            });
-        let reason = if fallback_level == FallbackLevel::FreshPlan {
-            Reason::None
-        } else {
-            Reason::SolverFailed
-        };
-        Decision { fallback_level, reason, input, solved: Some(solved) }
-    }
-
-    /// Drops a plan that the gate would refuse, and answers with the LQR. If the gate would refuse
-    /// that too, the robot brakes.
-    fn next_fallback_level(
-        &mut self,
-        from: FallbackLevel,
-        reason: Reason,
-        measured: &State,
-    ) -> Decision {
-        self.planner.drop_plan();
-        self.guard.choice.reset();
-        if from == FallbackLevel::Simple {
-            return self.brake(reason);
-        }
-        Decision {
-            fallback_level: FallbackLevel::Simple,
-            reason,
-            input: self.planner.lqr(measured, &self.knowledge),
-            solved: None,
-        }
-    }
-
-    /// Brakes to standstill.
-    fn brake(&self, reason: Reason) -> Decision {
-        Decision {
-            fallback_level: FallbackLevel::Brake,
-            reason,
-            input: self.planner.braking(&self.knowledge),
-            solved: None,
-        }
-    }
-
     fn write(&mut self, state: &PlantState, decision: &Decision) {
         let (version, stop) = (self.knowledge.version(), self.guard.stop_request());
         self.publisher.write_command(state, decision, version, stop, &self.planner.mpc);
@@ -486,56 +417,6 @@ impl Controller {
     /// answer depends on changes.
     pub fn rehearse(&mut self) {
         self.planner.rehearse(&self.knowledge);
-    }
-
-    /// Exchanges the parts that depend on settings, for the answer to the first tick from `tick`
-    /// on. Called between two ticks. Planning continues from the previous plan. Does not allocate
-    /// or free.
-    pub fn tune(&mut self, tuned: &mut Tuned, tick: u64) {
-        if tuned.reference.is_some() {
-            self.guard.approach_reference();
-        }
-        tuned.since = Some((self.plant_epoch.unwrap_or(0), tick));
-        self.planner.tune(tuned, &mut self.knowledge);
-    }
-
-    /// From now on the robot holds its pose when a plant starts, in place of the reference.
-    pub fn hold_at_start(&mut self) {
-        self.holds_at_start = true;
-    }
-
-    /// Writes the way ahead into `outlook`. False before the first plan, and without a measurement.
-    /// Does not allocate if `outlook` has room.
-    pub fn look_out(&self, outlook: &mut Outlook) -> bool {
-        let (Some(plant_epoch), Some(before)) = (self.plant_epoch, self.before) else {
-            return false;
-        };
-        (outlook.plant_epoch, outlook.gate) = (plant_epoch, self.gate);
-        (outlook.pose, outlook.velocity) = (before.state.pose, before.state.velocity);
-        (outlook.goal, outlook.held_up) = (self.goal.active(), self.held_up);
-        self.planner.write_ahead(outlook)
-    }
-
-    /// Follows `course` from the answer to `tick` on. False if it is too late for that: then
-    /// nothing has changed. What is no longer needed is in `course` afterwards. Does not allocate or
-    /// free.
-    pub fn follow(&mut self, course: &mut Course, tick: u64) -> bool {
-        let goal = &course.goal;
-        let is_due = (goal.begins_at_tick..=course.latest_tick).contains(&tick);
-        if !is_due || self.plant_epoch != Some(goal.plant_epoch) {
-            return false;
-        }
-        self.holds_at_start = true;
-        self.goal.follow(course);
-        self.guard.approach_reference();
-        self.planner.follow(&mut course.reference, &mut self.knowledge);
-        true
-    }
-
-    /// What is to be told of the goal after the answer to `tick`, one message at a time.
-    pub fn told_goal(&mut self, tick: u64) -> Option<Goal> {
-        let every = (GOAL_EVERY_S / self.period_s).ceil() as u64;
-        self.goal.told(tick, every)
     }
 
     fn start_over(&mut self, state: &PlantState, handover: &Handover, controller_epoch: u64) {

@@ -27,10 +27,13 @@
 //! Noise of a measured velocity enters two residuals with opposite signs, so that the low pass
 //! removes most of it. All errors are evaluated before the model can have learned from the sample.
 
+mod judge;
+mod prediction;
+
 use crate::adopt::Candidate;
 use crate::settings::{Identify, Observers};
 use model::delay::DELAY_MAX;
-use model::learned::{Moment, Residual, Response};
+use model::learned::{Moment, Residual};
 use model::main_model::MainModel;
 use model::observer::{Observer, ObserverGain};
 use model::physics::{FoundPhysics, Physics};
@@ -55,25 +58,12 @@ const KEPT: usize = 24;
 /// Time constant of the low pass on errors \[s\].
 const LASTING_S: f64 = 0.15;
 
-/// Time over which scores decay \[s\].
-const MEMORY_S: f64 = 1.0;
-
 /// Time from a state to the first effect of a plan's later inputs, in addition to the dead time
 /// \[s\].
 const LEAD_S: f64 = 0.04;
 
 /// Largest lead in periods.
 const LEAD_MAX: usize = KEPT - 1 - DELAY_MAX;
-
-/// Another explanation is chosen when its score is below this share of the present one's.
-const BETTER: f64 = 0.9;
-
-/// Weight of a score, by model: a model with more ways to be wrong must predict better. A snapshot
-/// that has a successor must be clearly better.
-const WEIGHTS: [f64; Model::ALL.len()] = [1.0, 1.0, 1.0, 1.3, 3.0];
-
-/// Periods over which the spread of the innovations is averaged.
-const SPREAD_PERIODS: f64 = 30.0;
 
 /// A model of a part of the residual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -259,27 +249,6 @@ impl Explanations {
         learned.as_ref().map_or(0, |learned| learned.version)
     }
 
-    /// Variance of the learned residual, per axis, by the model in use or else the newest; 0
-    /// without a model. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
-    pub fn variance(&mut self, at: &Moment) -> Velocity {
-        self.of_learned(|of| of.learned.variance(at, &mut of.scratch))
-    }
-
-    /// Result of `say` for the newest learned model, and for the last good one on axes that use it.
-    fn of_learned(&mut self, say: impl Fn(&mut Candidate) -> Velocity) -> Velocity {
-        let models = self.models();
-        let mut result = self.active.as_deref_mut().map_or([0.0; AXES], &say);
-        if models.contains(&Model::LastGood)
-            && let Some(last_good) = &mut self.last_good
-        {
-            let instead = say(last_good);
-            for axis in (0..AXES).filter(|&axis| models[axis] == Model::LastGood) {
-                result[axis] = instead[axis];
-            }
-        }
-        result
-    }
-
     /// The model in use, per axis.
     pub fn models(&self) -> [Model; AXES] {
         self.axes.map(|axis| model(axis.chosen))
@@ -298,19 +267,6 @@ impl Explanations {
     /// Last one-step error of the explanation in use, per axis \[m/s, m/s, rad/s\].
     pub fn innovation(&self) -> Velocity {
         self.axes.map(|axis| axis.innovation)
-    }
-
-    /// Variance of the residual of one period, per axis: from the learned model if it is in use,
-    /// else from the recent innovations. O(n²) \[(m/s)², (m/s)², (rad/s)²\].
-    pub fn step_variance(&mut self, at: &Moment) -> Velocity {
-        let (models, mut variance) = (self.models(), self.axes.map(|axis| axis.spread));
-        if models.iter().any(|model| model.is_learned()) {
-            let learned = self.of_learned(|of| of.learned.sample_variance(at, &mut of.scratch));
-            for axis in (0..AXES).filter(|&axis| models[axis].is_learned()) {
-                variance[axis] = learned[axis];
-            }
-        }
-        variance
     }
 
     /// Updates scores and disturbances with one period, whose residual is `residual`. `known` is
@@ -354,85 +310,6 @@ impl Explanations {
         }
         let disturbance = self.axes.map(|axis| axis.observer.map(|of| of.disturbance));
         self.past[self.taken % KEPT] = Past { at: *at, learned, disturbance };
-    }
-
-    /// Updates the scores of one axis with each model's remaining residual, `left`, and the d at
-    /// the time of the prediction.
-    fn judge(
-        &mut self,
-        axis: usize,
-        left: &[f64; Model::ALL.len()],
-        before: &[f64; COUNT],
-        lead: usize,
-    ) {
-        let pass = self.period / (self.period + LASTING_S);
-        // With a shorter past: the plain mean.
-        let fading = (self.period / MEMORY_S).max(1.0 / (self.taken - lead) as f64);
-        let record = &mut self.axes[axis];
-        for explanation in (0..COUNT).filter(|&it| observer(it) < self.observers) {
-            let before = before[explanation];
-            let error = left[explanation / OBSERVERS] - before;
-            // A prediction that is not finite is worse than any other.
-            let error = if error.is_finite() { error } else { 1e3 };
-            let lasting = &mut record.lasting[explanation];
-            *lasting += pass * (error - *lasting);
-            let score = &mut record.score[explanation];
-            *score += fading * (*lasting * *lasting - *score);
-        }
-        self.choose(axis);
-    }
-
-    fn correct(&mut self, axis: usize, left: &[f64; Model::ALL.len()]) {
-        let (bound, decay, gains) = (self.bound[axis], self.decay[axis], &self.gains[axis]);
-        let record = &mut self.axes[axis];
-        for explanation in (0..COUNT).filter(|&it| observer(it) < self.observers) {
-            let estimate = &mut record.observer[explanation];
-            let gain = &gains[observer(explanation)];
-            let innovation = estimate.update(gain, decay, left[explanation / OBSERVERS], bound);
-            if explanation == record.chosen {
-                record.innovation = innovation;
-                record.spread += (innovation * innovation - record.spread) / SPREAD_PERIODS;
-            }
-        }
-    }
-
-    fn choose(&mut self, axis: usize) {
-        let record = &self.axes[axis];
-        let score =
-            |explanation: usize| WEIGHTS[explanation / OBSERVERS] * record.score[explanation];
-        let best = (0..COUNT)
-            .filter(|&explanation| self.usable(explanation))
-            .min_by(|&a, &b| score(a).total_cmp(&score(b)));
-        let (Some(best), chosen) = (best, record.chosen) else { return };
-        if score(best) < BETTER * score(chosen) || !self.usable(chosen) {
-            let leaves = match model(chosen) {
-                Model::Learned => model(best) != Model::Learned,
-                Model::LastGood => !model(best).is_learned(),
-                Model::Main | Model::Response | Model::Physics => false,
-            };
-            self.left += u64::from(leaves);
-            self.axes[axis].chosen = best;
-        }
-    }
-
-    fn usable(&self, explanation: usize) -> bool {
-        let (model, observer) = (model(explanation), observer(explanation));
-        let seen = self.is_long(self.with_learned);
-        let known = match model {
-            Model::Main => true,
-            Model::Response => self.choice.identify != Identify::Off,
-            Model::Physics => self.choice.has_physics(),
-            Model::Learned => self.active.is_some() && (seen || self.choice.blind),
-            Model::LastGood => self.last_good.is_some() && seen,
-        };
-        let forced = self.choice.blind && self.active.is_some() && model != Model::Learned;
-        let at_hand = observer == 0 || self.choice.observer_gain > 0.0 && observer < self.observers;
-        known && !forced && at_hand
-    }
-
-    /// Whether this number of periods shows lasting errors.
-    fn is_long(&self, periods: usize) -> bool {
-        periods as f64 * self.period > LASTING_S
     }
 
     /// Adopts a learned model. Its disturbance estimates start from the mean residual that it
@@ -521,37 +398,6 @@ impl Explanations {
 /// The main model, with the fastest observer if there is one.
 fn first(choice: &Choice) -> usize {
     usize::from(choice.observer_gain > 0.0)
-}
-
-impl Residual for Explanations {
-    fn mean(&self, at: &Moment) -> Velocity {
-        self.response(at).mean
-    }
-
-    fn response(&self, at: &Moment) -> Response {
-        let models = self.models();
-        let mut response = Response::NONE;
-        let mut take = |of: Model, of_model: Response| {
-            for axis in (0..AXES).filter(|&axis| models[axis] == of) {
-                response.mean[axis] = of_model.mean[axis];
-                response.by_velocity[axis] = of_model.by_velocity[axis];
-                response.by_input[axis] = of_model.by_input[axis];
-                response.by_before[axis] = of_model.by_before[axis];
-            }
-        };
-        if models.contains(&Model::Response) {
-            take(Model::Response, self.response.response(at));
-        }
-        if models.contains(&Model::Physics) {
-            take(Model::Physics, self.physics.response(at));
-        }
-        for (of, learned) in [(Model::Learned, &self.active), (Model::LastGood, &self.last_good)] {
-            if let Some(learned) = learned.as_ref().filter(|_| models.contains(&of)) {
-                take(of, learned.learned.response(at));
-            }
-        }
-        response
-    }
 }
 
 #[cfg(test)]

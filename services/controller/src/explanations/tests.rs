@@ -1,7 +1,7 @@
 use super::*;
 use model::delay::Sent;
 use model::gp::posterior::VarianceScratch;
-use model::learned::Uncertain;
+use model::learned::{Response, Uncertain};
 use model::response::ResponseEstimator;
 use robot::Robot;
 
