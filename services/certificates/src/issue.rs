@@ -11,21 +11,21 @@
 //! ```
 //! A directory is created atomically, and no file is ever overwritten.
 
-use access::{AUTHORITY_FILE, CERTIFICATE_FILE, CLIENTS, KEY_FILE, Role, changeable, valid_until};
+mod authority;
+
+use access::{AUTHORITY_FILE, CERTIFICATE_FILE, CLIENTS, KEY_FILE, Role};
+use authority::{authority_in, make_authority};
 use rcgen::{
-    BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
-    KeyUsagePurpose, date_time_ymd,
+    CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair, KeyUsagePurpose,
+    date_time_ymd,
 };
 use std::collections::BTreeMap;
 use std::fs::{self, DirBuilder, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use transport::is_graph_name;
-
-/// Validity of an authority \[s\]: ten years.
-const AUTHORITY_VALID_S: i64 = 3650 * 86_400;
 
 /// Addresses for which every certificate of a server is valid.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
@@ -221,65 +221,6 @@ fn sign(
     Ok((params.signed_by(&key, issuer)?.pem(), key.serialize_pem()))
 }
 
-/// Parameters of every authority.
-fn authority_params() -> CertificateParams {
-    let mut params = CertificateParams::default();
-    params.distinguished_name = rcgen::DistinguishedName::new();
-    params.distinguished_name.push(DnType::CommonName, "Coxswain authority");
-    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
-    params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::DigitalSignature];
-    params
-}
-
-fn make_authority(folder: &Path, from_s: i64) -> Result<(), IssueError> {
-    let mut params = authority_params();
-    (params.not_before, params.not_after) = (at(from_s), at(from_s + AUTHORITY_VALID_S));
-    let key = KeyPair::generate()?;
-    let certificate = params.self_signed(&key)?.pem();
-    whole(folder, |half| {
-        write(&half.join(KEY_FILE), &key.serialize_pem())?;
-        write(&half.join(AUTHORITY_FILE), &certificate)
-    })
-}
-
-/// The issuer, and its certificate as PEM.
-fn authority_in(
-    folder: &Path,
-    order: &Order,
-) -> Result<(Issuer<'static, KeyPair>, String), IssueError> {
-    let failed = |reason: String| IssueError::Authority { authority: folder.to_path_buf(), reason };
-    let (key_file, certificate_file) = (folder.join(KEY_FILE), folder.join(AUTHORITY_FILE));
-    let read = |path: &Path| {
-        fs::read_to_string(path).map_err(|source| failed(format!("{}: {source}", path.display())))
-    };
-    let (key, certificate) = (read(&key_file)?, read(&certificate_file)?);
-    if fs::metadata(&key_file).is_ok_and(|found| found.mode() & GROUP_AND_OTHERS != 0) {
-        return Err(failed(format!(
-            "{}: other users can read it; expected mode 0600",
-            key_file.display()
-        )));
-    }
-    // A file that other users may have written is not trusted.
-    for path in [folder, &key_file, &certificate_file] {
-        if let Some(found) =
-            changeable(path).map_err(|error| failed(format!("{}: {error}", path.display())))?
-        {
-            return Err(failed(format!(
-                "{found}: expected to be owned by this user or root, and not writable by others"
-            )));
-        }
-    }
-    let until_s = valid_until(certificate.as_bytes()).map_err(failed)?;
-    if until_s < order.until_s {
-        return Err(failed(
-            "it expires before the certificates that it signs; make another one".to_owned(),
-        ));
-    }
-    let key = KeyPair::from_pem(&key)
-        .map_err(|error| failed(format!("its key cannot be used: {error}")))?;
-    Ok((Issuer::new(authority_params(), key), certificate))
-}
-
 fn at(unix_s: i64) -> time::OffsetDateTime {
     date_time_ymd(1970, 1, 1) + Duration::from_secs(u64::try_from(unix_s).unwrap_or(0))
 }
@@ -332,210 +273,4 @@ fn write(path: &Path, text: &str) -> Result<(), IssueError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use access::{AccessError, Changeable, Credentials};
-    use std::error::Error;
-
-    fn order() -> Order {
-        Order {
-            robot: "mecanum".into(),
-            hosts: [
-                ("robot".to_owned(), vec!["10.0.0.1".into(), "robot.example".into()]),
-                ("control".to_owned(), Vec::new()),
-            ]
-            .into(),
-            from_s: 1_000,
-            until_s: 2_000,
-        }
-    }
-
-    #[test]
-    fn every_role_gets_a_certificate_with_role_addresses_and_expiry() -> Result<(), Box<dyn Error>>
-    {
-        let folder = tempfile::tempdir()?;
-        let (authority, out) = (folder.path().join("a"), folder.path().join("deep/out"));
-        assert!(issue(&authority, &out, &order())?.new_authority);
-        let host = |name: &str| Role::Host(name.to_owned());
-        for role in CLIENTS.into_iter().chain([host("robot"), host("control")]) {
-            let credentials = Credentials::in_folder(out.join(role.to_string()));
-            let certificate = credentials.check(&role, 1_500)?;
-            assert_eq!(
-                (
-                    certificate.role.clone(),
-                    certificate.robot.as_str(),
-                    certificate.from_s,
-                    certificate.until_s
-                ),
-                (role.clone(), "mecanum", 1_000, 2_000)
-            );
-            let is_robot = role == host("robot");
-            assert!(
-                ["10.0.0.1", "robot.example"]
-                    .into_iter()
-                    .all(|address| certificate.covers(address) == is_robot)
-            );
-            assert!(
-                ["127.0.0.1", "localhost"]
-                    .into_iter()
-                    .all(|address| certificate.covers(address) == role.serves())
-            );
-            let late = credentials.check(&role, 2_000);
-            assert!(matches!(late, Err(AccessError::Expired { since_s: 0, .. })), "{late:?}");
-            let early = credentials.check(&role, 999);
-            assert!(matches!(early, Err(AccessError::TooEarly { in_s: 1, .. })), "{early:?}");
-        }
-        let wrong = Credentials::in_folder(out.join("watcher")).check(&Role::Driver, 1_500);
-        let is_named = matches!(
-            &wrong,
-            Err(AccessError::Role { found: Role::Watcher, expected: Role::Driver, .. })
-        );
-        assert!(is_named, "{wrong:?}");
-        Ok(())
-    }
-
-    #[test]
-    fn keys_are_private_to_their_owner_and_rejected_if_not() -> Result<(), Box<dyn Error>> {
-        use std::os::unix::fs::PermissionsExt;
-        let folder = tempfile::tempdir()?;
-        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
-        issue(&authority, &out, &order())?;
-        for path in [
-            authority.clone(),
-            out.clone(),
-            out.join("robot-host"),
-            authority.join(KEY_FILE),
-            out.join("robot-host").join(KEY_FILE),
-        ] {
-            assert_eq!(fs::metadata(&path)?.mode() & GROUP_AND_OTHERS, 0, "{}", path.display());
-        }
-        assert!(
-            !out.join("authority").exists() && !out.join(KEY_FILE).exists(),
-            "the authority's key does not travel"
-        );
-        fs::set_permissions(
-            out.join("robot-host").join(KEY_FILE),
-            fs::Permissions::from_mode(0o640),
-        )?;
-        let read = Credentials::in_folder(out.join("robot-host")).read();
-        assert!(matches!(read, Err(AccessError::NotPrivate { mode: 0o640, .. })), "{read:?}");
-        fs::set_permissions(authority.join(KEY_FILE), fs::Permissions::from_mode(0o644))?;
-        let refused = issue(&authority, &folder.path().join("more"), &order());
-        let is_about_key = |error: IssueError| matches!(error, IssueError::Authority { reason, .. } if reason.contains(KEY_FILE));
-        assert!(refused.is_err_and(is_about_key));
-        Ok(())
-    }
-
-    #[test]
-    fn a_file_that_others_can_write_is_rejected_with_its_mode() -> Result<(), Box<dyn Error>> {
-        use std::os::unix::fs::PermissionsExt;
-        let folder = tempfile::tempdir()?;
-        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
-        issue(&authority, &out, &order())?;
-        let robot = Credentials::in_folder(out.join("robot-host"));
-        let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode));
-        for (path, open, closed) in [
-            (out.clone(), 0o777, 0o755),
-            (out.clone(), 0o775, 0o700),
-            (out.join("robot-host"), 0o770, 0o700),
-            (robot.file(AUTHORITY_FILE), 0o666, 0o644),
-            (robot.file(AUTHORITY_FILE), 0o660, 0o600),
-            (robot.file(CERTIFICATE_FILE), 0o606, 0o600),
-        ] {
-            set(&path, open)?;
-            let refused = robot.read();
-            let expected = Changeable::Open { path: path.clone(), mode: open };
-            assert!(
-                matches!(&refused, Err(AccessError::Changeable(found)) if *found == expected),
-                "{refused:?}"
-            );
-            set(&path, closed)?;
-            robot.read()?;
-        }
-        set(folder.path(), 0o777)?;
-        let refused = robot.read();
-        let is_replaceable = matches!(
-            &refused,
-            Err(AccessError::Replaceable { above: Changeable::Open { mode: 0o777, .. }, .. })
-        );
-        assert!(is_replaceable, "{refused:?}");
-        set(&authority, 0o777)?;
-        let refused = issue(&authority, &folder.path().join("more"), &order());
-        let has_mode = |error: &IssueError| matches!(error, IssueError::Authority { reason, .. } if reason.contains("777"));
-        assert!(refused.as_ref().is_err_and(has_mode), "{refused:?}");
-        Ok(())
-    }
-
-    #[test]
-    fn an_authority_inside_the_certificates_is_rejected_for_every_form_of_its_path()
-    -> Result<(), Box<dyn Error>> {
-        let folder = tempfile::tempdir()?;
-        let out = folder.path().canonicalize()?.join("out");
-        let up: PathBuf = std::env::current_dir()?.components().skip(1).map(|_| "..").collect();
-        let relative = up.join(out.strip_prefix("/")?);
-        let link = folder.path().join("link");
-        std::os::unix::fs::symlink(folder.path(), &link)?;
-        for (authority, out) in [
-            (out.join("a"), relative.clone()),
-            (relative.join("a"), out.clone()),
-            (link.join("out/a"), out.clone()),
-        ] {
-            let refused = issue(&authority, &out, &order());
-            assert!(
-                matches!(refused, Err(IssueError::Inside { .. })),
-                "{} in {}",
-                authority.display(),
-                out.display()
-            );
-        }
-        assert!(!out.exists());
-        issue(&up.join(link.strip_prefix("/")?).join("a"), &relative, &order())?;
-        Ok(())
-    }
-
-    #[test]
-    fn an_authority_signs_again_and_nothing_is_overwritten() -> Result<(), Box<dyn Error>> {
-        let folder = tempfile::tempdir()?;
-        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
-        issue(&authority, &out, &order())?;
-        assert!(matches!(issue(&authority, &out, &order()), Err(IssueError::NotEmpty { .. })));
-        let next = folder.path().join("next");
-        let later = Order { from_s: 1_800, until_s: 9_000, ..order() };
-        assert!(!issue(&authority, &next, &later)?.new_authority);
-        let authorities =
-            [&out, &next].map(|out| fs::read(out.join("control-host").join(AUTHORITY_FILE)));
-        assert_eq!(authorities[0].as_ref().ok(), authorities[1].as_ref().ok());
-        let late = Order { until_s: 1_000 + AUTHORITY_VALID_S + 1, ..order() };
-        assert!(matches!(
-            issue(&authority, &folder.path().join("late"), &late),
-            Err(IssueError::Authority { .. })
-        ));
-        Ok(())
-    }
-
-    #[test]
-    fn invalid_options_are_rejected_and_leave_no_files() -> Result<(), Box<dyn Error>> {
-        let folder = tempfile::tempdir()?;
-        let (authority, out) = (folder.path().join("a"), folder.path().join("out"));
-        for robot in ["", "A", "a b", "a.b", "*"] {
-            assert!(matches!(
-                issue(&authority, &out, &Order { robot: robot.into(), ..order() }),
-                Err(IssueError::Robot { .. })
-            ));
-        }
-        for address in ["", "10.0.0.1:7447", "tcp/10.0.0.1", "a b", "0.0.0.0", "*", "-x"] {
-            let refused = issue(
-                &authority,
-                &out,
-                &Order { hosts: [("robot".to_owned(), vec![address.into()])].into(), ..order() },
-            );
-            assert!(matches!(refused, Err(IssueError::Address { .. })), "{address}");
-        }
-        assert!(matches!(
-            issue(&out.join("authority"), &out, &order()),
-            Err(IssueError::Inside { .. })
-        ));
-        assert_eq!(fs::read_dir(folder.path())?.count(), 0);
-        Ok(())
-    }
-}
+mod tests;

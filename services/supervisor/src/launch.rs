@@ -4,9 +4,10 @@
 //! ends in the same order: first the robot, last the recorder, then the graph is removed from the
 //! machine.
 
+mod told;
+
 use crate::all_hosts;
 use crate::child::Ending;
-use crate::closing::Closing;
 #[cfg(feature = "faults")]
 use crate::fault_injector::FaultInjector;
 use crate::fleet::{Event, Fleet, FleetError, RunContext};
@@ -18,7 +19,6 @@ use graph::file::Graph;
 use graph::options::Options;
 use process::{Pace, keep_to_user, log_filter, requests};
 use protocol::message::Participant;
-use recorder::report;
 use runs::folder::{self, FolderError};
 use runs::registry::{self, GraphEntry, RegistryError};
 use settings::SettingsError;
@@ -31,8 +31,9 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
-use std::{env, io, slice};
+use std::{env, io};
 use terminal::Terminal;
+use told::{conclude, heading, invite, within_reach};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
@@ -258,18 +259,6 @@ fn run_at(
     if complaints.is_empty() { Ok(outcome) } else { Err(LaunchError::Ending { complaints }) }
 }
 
-/// Access without certificates: peers are not authenticated, but only processes on this machine can
-/// connect.
-fn within_reach(assembly: &Assembly) -> Option<&'static str> {
-    if assembly.host.is_some() {
-        Some("network: this machine alone (no certificates); each of its users can drive the robot")
-    } else if assembly.roles().any(|role| role == Participant::Gateway) {
-        Some("network: this machine alone (no certificates); each of its users can watch the robot")
-    } else {
-        None
-    }
-}
-
 /// Starts, supervises, and stops the processes.
 fn run_processes(context: &RunContext, person: &mut Person) -> Result<Ended, LaunchError> {
     let mut fleet = Fleet::new(context)
@@ -341,24 +330,6 @@ fn start(
         claim(&context.links)?;
     }
     Ok(None)
-}
-
-/// Prints how the run can be watched, if it can.
-fn invite(context: &RunContext, terminal: &mut Terminal) {
-    if let Some(address) = gateway::addresses::page(&context.links.root) {
-        terminal.say(format_args!("live page: http://{address}/"));
-    }
-    for endpoint in gateway::addresses::endpoints(&context.links.root) {
-        let shown = context
-            .assembly
-            .certificates
-            .as_ref()
-            .map(|of| format!(" --certificates {}", of.folder().display()));
-        terminal.say(format_args!(
-            "watch with: coxswain watch {endpoint}{}",
-            shown.unwrap_or_default()
-        ));
-    }
 }
 
 /// Restarts processes that end and shows the progress, until the plant has finished or the end is
@@ -450,24 +421,6 @@ fn look_after(
     }
 }
 
-/// Prints the results of the run, and where its files are.
-fn conclude(context: &RunContext, terminal: &mut Terminal) {
-    // Ends the live line.
-    terminal.say(format_args!("record: {}", context.folder.display()));
-    if !context.assembly.graph.processes.recorder.enabled {
-        return;
-    }
-    match Closing::read(&context.folder) {
-        Ok(closing) => terminal::print(closing),
-        Err(error) => terminal.say(format_args!("there is no summary: {error}")),
-    }
-    let page = report::beside(&context.folder);
-    match report::write(slice::from_ref(&context.folder), &page) {
-        Ok(()) => terminal.say(format_args!("report: {}", page.display())),
-        Err(error) => terminal.say(format_args!("there is no report: {error}")),
-    }
-}
-
 /// Begins the faults of processes, if there are any.
 #[cfg(feature = "faults")]
 fn begin_faults(
@@ -483,22 +436,6 @@ fn begin_faults(
     FaultInjector::begin(&faults.process, faults.seed, period, roles, folder)
         .map(Some)
         .map_err(|source| LaunchError::System { what: "the list of injected faults", source })
-}
-
-fn heading(assembly: &Assembly) -> String {
-    let pace = if assembly.graph.pace == Pace::LockStep { "lock step" } else { "real time" };
-    let learner = if assembly.learns() { "on" } else { "off" };
-    let Assembly { graph, scenario, scenario_name, .. } = assembly;
-    let heading = format!(
-        "{}: {scenario_name}, {:.1} s in {pace}, learner {learner}\n{}",
-        graph.name, scenario.duration_s, scenario.description
-    );
-    #[cfg(feature = "faults")]
-    if let count @ 1.. = assembly.faults.count() {
-        let seed = assembly.faults.seed;
-        return format!("{heading}\nFAULTS ARE INJECTED: {count} of them, seed {seed}");
-    }
-    heading
 }
 
 /// All binaries are in the same directory.
