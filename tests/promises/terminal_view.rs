@@ -260,7 +260,7 @@ fn no_color_is_respected() -> Outcome {
 fn without_a_robot_the_terminal_is_not_changed() -> Outcome {
     let home = tempfile::tempdir()?;
     for (arguments, kind, code, told) in [
-        (&[][..], "xterm", 1, "coxswain watch"),
+        (&[][..], "xterm", 1, "--plain"),
         (&["tcp/127.0.0.1:1"], "xterm", 1, "tcp/127.0.0.1:1"),
         (&["mailbox"], "xterm", 2, "mailbox"),
         (&["tcp/127.0.0.1:1"], "dumb", 2, "--plain"),
