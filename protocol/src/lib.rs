@@ -19,4 +19,4 @@ pub mod view;
 pub mod wire;
 
 /// Version of all messages. Peers of another version are refused.
-pub const VERSION: u16 = 10;
+pub const VERSION: u16 = 11;

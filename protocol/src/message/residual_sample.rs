@@ -18,6 +18,9 @@ message! {
         input: [f64; 3],
         /// Input that acted in the period before \[m/s, m/s, rad/s\].
         input_before: [f64; 3],
+        /// Dead time from a command to the first response, of which `input` and `input_before` take
+        /// account \[s\].
+        dead_time_s: f64,
         /// Velocity at the end of the period, measured minus predicted by the main model
         /// \[m/s, m/s, rad/s\].
         residual: [f64; 3],

@@ -161,6 +161,7 @@ examples! {
             velocity: [0.75, 0.0, 0.25],
             input: [1.0, 0.0, 0.25],
             input_before: [0.875, 0.0, 0.5],
+            dead_time_s: 0.0625,
             residual: [-0.03125, 0.0, 0.015_625],
             usable: 1,
             reserved: 0,

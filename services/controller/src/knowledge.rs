@@ -262,6 +262,7 @@ impl Knowledge {
     pub fn write_sample(&self, before: &State, sample: &mut ResidualSample) {
         (sample.pose, sample.velocity) = (before.pose, before.velocity);
         (sample.input, sample.input_before) = (self.acted, before.acted);
+        sample.dead_time_s = self.delay.periods() * self.main.period;
         sample.residual = self.residual;
     }
 

@@ -29,11 +29,17 @@ const MEMORY_S: f64 = 5.0;
 /// Innovations that are never surprising, as a share of the largest plausible residual.
 const NOISE_SHARE: f64 = 0.005;
 
+/// Samples whose dead times differ by less belong together \[periods\].
+const DEAD_TIME_PERIODS: f64 = 0.25;
+
 /// The samples that a fit learns from.
 #[derive(Debug)]
 pub struct DataSet<const D: usize> {
     layout: Layout,
     bound: Velocity,
+    period_s: f64,
+    /// Dead time of the samples of this run, once there is one \[s\].
+    dead_time_s: Option<f64>,
     /// The samples.
     pub dictionary: Dictionary<D>,
 }
@@ -65,8 +71,26 @@ impl<const D: usize> DataSet<D> {
         Self {
             layout: fit_settings.layout,
             bound: fit_settings.bound,
+            period_s: settings.run.period_nanos as f64 * 1e-9,
+            dead_time_s: None,
             dictionary: Dictionary::new(selection),
         }
+    }
+
+    /// Drops the samples of this run if `sample` is of another dead time: their inputs, and so
+    /// their residuals, are those of another time. Samples of an earlier run stay. Returns whether
+    /// it dropped them.
+    pub fn follow_dead_time(&mut self, sample: &ResidualSample) -> bool {
+        if sample.usable == 0 || !sample.dead_time_s.is_finite() {
+            return false;
+        }
+        let known = *self.dead_time_s.get_or_insert(sample.dead_time_s);
+        let is_other = (sample.dead_time_s - known).abs() > DEAD_TIME_PERIODS * self.period_s;
+        if is_other {
+            self.dead_time_s = Some(sample.dead_time_s);
+            self.dictionary.forget_inserted();
+        }
+        is_other
     }
 
     /// Inserts a sample, if its input was chosen by the controller, and if it is finite and

@@ -239,6 +239,12 @@ impl<'a, const D: usize> Learner<'a, D> {
         if first {
             self.join(sample)?;
         }
+        if self.data.follow_dead_time(sample) {
+            tracing::info!(tick, sample.dead_time_s, "another dead time: this run's samples go");
+            self.recent.clear();
+            self.held_out = HeldOut::default();
+            self.anew = true;
+        }
         if let Some(outcome) = self.data.take_in(sample) {
             if outcome == Outcome::Changed {
                 tracing::info!(tick, "the robot has changed: older samples count less");

@@ -60,6 +60,16 @@ fn points(
     ticks: u64,
     friction: f64,
 ) -> Result<Vec<u32>, Box<dyn Error>> {
+    points_of(folder, resume, ticks, |tick| sample(tick, friction))
+}
+
+/// The same of any samples.
+fn points_of(
+    folder: &Path,
+    resume: Option<PathBuf>,
+    ticks: u64,
+    sample: impl Fn(u64) -> ResidualSample,
+) -> Result<Vec<u32>, Box<dyn Error>> {
     let settings = settings(folder, resume);
     let exchange = Exchange::new(true, Duration::from_secs(5));
     let ports = Ports::in_memory(&exchange, Identity::new(1));
@@ -73,7 +83,7 @@ fn points(
     });
     let mut points = Vec::new();
     for tick in 0..ticks {
-        samples.send(&mut sample(tick, friction))?;
+        samples.send(&mut sample(tick))?;
         // Like a controller in lock step, which waits for a snapshot that is due.
         let due = tick >= EVERY_TICKS && (tick + 1) % EVERY_TICKS == DELAY_TICKS;
         while due && !learner.is_finished() && !snapshots.wait(Duration::from_millis(20))? {}
@@ -97,5 +107,37 @@ fn the_data_of_an_earlier_run_is_kept_until_the_robot_contradicts_it() -> Result
     assert!(same.iter().all(|&points| points >= kept), "{same:?} after {kept}");
     let other = points(other.path(), resume, 60, -0.05)?;
     assert!(other.iter().any(|&points| points < kept / 2), "{other:?} after {kept}");
+    Ok(())
+}
+
+/// The same samples, whose dead time is another one from this tick on \[s\].
+fn delayed(tick: u64, from: u64, dead_time_s: f64) -> ResidualSample {
+    let dead_time_s = if tick < from { 0.0 } else { dead_time_s };
+    ResidualSample { dead_time_s, ..sample(tick, 0.05) }
+}
+
+#[test]
+fn samples_of_another_dead_time_are_dropped() -> Result<(), Box<dyn Error>> {
+    const FROM: u64 = 50;
+    let (little, much) = (tempfile::tempdir()?, tempfile::tempdir()?);
+    // A fifth of a period is no other dead time.
+    let little = points_of(little.path(), None, 80, |tick| delayed(tick, FROM, 0.02))?;
+    assert!(little.is_sorted(), "{little:?}");
+    let much = points_of(much.path(), None, 80, |tick| delayed(tick, FROM, 0.1))?;
+    let before = (FROM / EVERY_TICKS) as usize - 1;
+    assert_eq!(much[..before], little[..before]);
+    let after = much[before + 1];
+    assert!(u64::from(after) <= 2 * EVERY_TICKS, "{after} points, {much:?}");
+    Ok(())
+}
+
+#[test]
+fn another_dead_time_keeps_the_data_of_an_earlier_run() -> Result<(), Box<dyn Error>> {
+    let (earlier, later) = (tempfile::tempdir()?, tempfile::tempdir()?);
+    let learnt = points(earlier.path(), None, 100, 0.05)?;
+    let kept = *learnt.last().ok_or("nothing was learnt")?;
+    let resume = Some(earlier.path().join("snapshot.bin"));
+    let later = points_of(later.path(), resume, 60, |tick| delayed(tick, 30, 0.1))?;
+    assert!(later.iter().all(|&points| points >= kept), "{later:?} after {kept}");
     Ok(())
 }

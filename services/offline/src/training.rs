@@ -47,6 +47,7 @@ impl<'a, const D: usize> Training<'a, D> {
             data.dictionary.restore(*observation, *noise_scale);
         }
         for period in periods {
+            data.follow_dead_time(&period.sample);
             data.take_in(&period.sample);
         }
         self.fit.fit(&data.observations(), &self.fit.hyperparameters())

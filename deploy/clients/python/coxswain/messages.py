@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 from .encoding import REAL, U32, U64, numbers, one_of, record, sequence, several, text, varint
 
-VERSION = 10
+VERSION = 11
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ class ResidualSample:
     velocity: Annotated[tuple[float, ...], numbers(3)]
     input: Annotated[tuple[float, ...], numbers(3)]
     input_before: Annotated[tuple[float, ...], numbers(3)]
+    dead_time_s: Annotated[float, REAL]
     residual: Annotated[tuple[float, ...], numbers(3)]
     usable: Annotated[int, varint(2)]
 

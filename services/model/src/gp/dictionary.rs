@@ -194,6 +194,14 @@ impl<const D: usize> Dictionary<D> {
         self.work_out_anew();
     }
 
+    /// Drops all observations that were inserted, and keeps those that were put back. O(n³) in the
+    /// number that is left.
+    pub fn forget_inserted(&mut self) {
+        self.entries.retain(|entry| entry.made == 0);
+        self.held.clear();
+        self.work_out_anew();
+    }
+
     /// z of each output: the innovation of the observation that was looked at, relative to the
     /// uncertainty of the function there.
     fn deviations(&self, observation: &Observation<D>, unexplained: f64) -> [f64; 3] {

@@ -174,6 +174,25 @@ fn restored_samples_keep_their_age() {
 }
 
 #[test]
+fn inserted_samples_can_be_dropped_while_restored_ones_stay() {
+    let (mut earlier, mut random) = (dictionary(CAPACITY), SplitMix64::new(8));
+    work(&mut earlier, 100, 1.0, &mut random);
+    let mut set = dictionary(2 * CAPACITY);
+    for (observation, noise_scale) in earlier.observations() {
+        set.restore(*observation, noise_scale);
+    }
+    for step in 0..5 {
+        set.insert(at(0.1 * f64::from(step), 9.0));
+    }
+    set.forget_inserted();
+    let restored = earlier.observations().map(|(observation, _)| *observation);
+    assert!(set.observations().map(|(observation, _)| *observation).eq(restored));
+    // What is left is as good as a set that had nothing else.
+    work(&mut set, 50, 1.0, &mut random);
+    assert!(error(&mut set, 1.0) < 0.1);
+}
+
+#[test]
 fn restored_samples_can_be_dropped_while_newer_ones_stay() {
     let (mut earlier, mut random) = (dictionary(CAPACITY), SplitMix64::new(7));
     work(&mut earlier, 100, 1.0, &mut random);
