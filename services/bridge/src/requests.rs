@@ -170,7 +170,7 @@ fn forward_all(root: &Path, waiting: &Receiver<Received>, stop: &Stop) {
 
 fn process_one(folder: &Path, received: Received, stop: &Stop) {
     let who = format!("{} over the network", received.from);
-    let request = Request::new(who, received.text.as_str());
+    let request = Request::new(who, received.text.as_str()).made_earlier(received.age());
     let settled = match ask(folder, received.to, &request) {
         Ok(asked) => asked.wait(REPLIES_WITHIN, || !stop.requested()),
         Err(error) => return received.reject(&format!("the request cannot be written: {error}")),

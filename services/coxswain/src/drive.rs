@@ -1,16 +1,18 @@
 //! `coxswain drive`: a body velocity for a time, or the keyboard.
 //!
 //! ```text
-//!  key thread ─▶ loop ─▶ keys held by `teleop::dead_man` ─▶ request file ─▶ controller
-//!                                    x: latched stop ─▶ request file ─▶ plant
+//!  key thread ─▶ loop ─▶ keys held by `teleop::dead_man` ─▶ request ─▶ controller
+//!                                    x: latched stop ─▶ request ─▶ plant
 //! ```
+//! A request is a file on the machine of the launch, or with `--at` a query over the network.
 
 mod keyboard;
 mod steering;
+mod way;
 
 use crate::goal::{GoalError, GoalOptions, give};
 use crate::joined::JoinError;
-use crate::set::{Recipient, SetError};
+use crate::set::{Recipient, SetError, address};
 use clap::Args;
 use controller::goal::Demand;
 use std::io;
@@ -20,6 +22,7 @@ use std::time::{Duration, Instant};
 use steering::Steering;
 use teleop::dead_man::{DeadMan, Speeds};
 use teleop::steer::{Steer, SteerError};
+use way::Way;
 
 /// Dead-man time, if no other is given \[s\].
 const DEAD_MAN_DEFAULT_S: f64 = 0.6;
@@ -53,6 +56,16 @@ pub struct DriveOptions {
     /// Return when the controller has accepted the velocity, not when the robot stands.
     #[arg(long, requires = "velocity")]
     pub no_wait: bool,
+    /// By keyboard with --at: host and port for the latched stop, if the plant runs on another host
+    /// than the controller.
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        requires = "at",
+        conflicts_with = "velocity",
+        value_parser = address
+    )]
+    pub stop_at: Option<String>,
     #[command(flatten)]
     to: Recipient,
 }
@@ -75,12 +88,6 @@ pub enum DriveError {
          `coxswain drive 0.3 0 0`"
     )]
     NoTerminal,
-    /// The keys drive a robot on this machine.
-    #[error(
-        "--at: expected a velocity, as in `coxswain drive 0.3 0 0 --at …`: the keys drive a \
-             robot on this machine alone"
-    )]
-    KeysElsewhere,
     /// The keys have no speed.
     #[error("--speed {speed}: expected a finite number of m/s above 0")]
     Speed {
@@ -99,7 +106,7 @@ impl DriveError {
             Self::Goal(error) => error.exit_code(),
             Self::Join(error) => error.exit_code(),
             Self::Set(error) => error.exit_code(),
-            Self::NoTerminal | Self::KeysElsewhere | Self::Speed { .. } => 2,
+            Self::NoTerminal | Self::Speed { .. } => 2,
             Self::Terminal(_) => 1,
         }
     }
@@ -112,8 +119,8 @@ impl DriveError {
 /// [`DriveError`] if there is no such launch.
 pub fn join(run: &Path, base: &Path) -> Result<Box<dyn Steer>, SteerError> {
     let dead_man = DeadMan::new(Duration::from_secs_f64(DEAD_MAN_DEFAULT_S), Speeds::default());
-    let steering = Steering::new(Some(run), base, dead_man, Instant::now());
-    Ok(Box::new(steering.map_err(DriveError::from)?))
+    let way = Way::on_this_machine(Some(run), base, Instant::now()).map_err(DriveError::from)?;
+    Ok(Box::new(Steering::new(way, dead_man)))
 }
 
 /// `coxswain drive`, with the graphs of this machine in `base`.
@@ -122,10 +129,7 @@ pub fn join(run: &Path, base: &Path) -> Result<Box<dyn Steer>, SteerError> {
 /// [`DriveError`].
 pub fn run(options: &DriveOptions, base: &Path) -> Result<(), DriveError> {
     let &[forward, left, rate] = options.velocity.as_slice() else {
-        return match options.to.at {
-            Some(_) => Err(DriveError::KeysElsewhere),
-            None => keyboard::run(options, base),
-        };
+        return keyboard::run(options, base);
     };
     let (velocity, valid_s) = ([forward, left, rate], options.valid_s);
     let goal = GoalOptions {
@@ -180,6 +184,8 @@ mod tests {
             &["--dead-man", "0"],
             &["--dead-man", "nan"],
             &["--dead-man", "60"],
+            &["--stop-at", "10.0.0.1:7451"],
+            &["--at", "10.0.0.1:7451"],
         ] {
             assert!(parsed(wrong).is_none(), "{wrong:?}");
         }

@@ -88,10 +88,11 @@ enum Command {
     /// Without a velocity the keys of this terminal drive the robot: w, a, s, d or the arrows, q and
     /// e to turn, space to stand, x for a latched stop, + and - for the speed, Esc to end. A key
     /// acts for the dead-man time; hold it to drive on. Without a key the robot brakes, also if the
-    /// terminal or this command dies.
+    /// terminal, this command or the network dies.
     ///
     /// Exit codes as for `go`. By keyboard: 0 if a key or a signal ended it, 2 if an argument is
-    /// invalid or the input is no terminal, 1 if the launch ended or there is no run.
+    /// invalid or the input is no terminal, 1 if the launch ended, there is no run, or no session
+    /// with --at.
     Drive(DriveOptions),
     /// Print what the robot does now: gate, pose, controller and goal.
     ///

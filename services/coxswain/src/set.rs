@@ -92,6 +92,9 @@ pub enum SetError {
     /// The command cannot restart with the setting of zenoh's threads.
     #[error("the command cannot restart with another environment: {0}")]
     Restart(#[source] io::Error),
+    /// No thread can wait for the network.
+    #[error("no thread can be started: {0}")]
+    Thread(#[source] io::Error),
     /// The bridge of another machine did not deliver it.
     #[error(transparent)]
     Network(#[from] RequestError),
@@ -123,6 +126,7 @@ impl SetError {
             | Self::Ended
             | Self::Reply { .. }
             | Self::Restart(_)
+            | Self::Thread(_)
             | Self::Network(RequestError::Connect { .. } | RequestError::NoReply { .. })
             | Self::NoAnswer { .. } => 1,
             _ => 2,
@@ -179,15 +183,25 @@ impl Recipient {
         role: Participant,
         lines: &str,
     ) -> Result<Settlement, SetError> {
-        let (Some(at), Some(folder)) = (&self.at, &self.certificates) else {
+        let Some(requester) = self.requester(None)? else {
             return set(self.run.as_deref(), base, role, lines);
         };
-        threads::set().map_err(SetError::Restart)?;
-        let requester = Requester::open(&format!("tls/{at}"), &credentials_in(folder))?;
         let reply = requester.ask(role, lines)?;
         let settled = serde_json::from_slice(&reply)
-            .map_err(|source| SetError::Reply { at: at.clone(), source })?;
+            .map_err(|source| SetError::Reply { at: requester.endpoint().to_owned(), source })?;
         accepted(settled, role)
+    }
+
+    /// A session with the bridge at the address, or at `other` with the same certificate; none
+    /// without an address. The program may restart in place.
+    ///
+    /// # Errors
+    /// [`SetError`] if the bridge accepts no session.
+    pub(crate) fn requester(&self, other: Option<&str>) -> Result<Option<Requester>, SetError> {
+        let (Some(at), Some(folder)) = (&self.at, &self.certificates) else { return Ok(None) };
+        threads::set().map_err(SetError::Restart)?;
+        let endpoint = format!("tls/{}", other.unwrap_or(at));
+        Ok(Some(Requester::open(&endpoint, &credentials_in(folder))?))
     }
 }
 
@@ -199,7 +213,7 @@ fn credentials_in(folder: &Path) -> Credentials {
     Credentials::in_folder(found.unwrap_or_else(|| folder.to_owned()))
 }
 
-fn address(text: &str) -> Result<String, String> {
+pub(crate) fn address(text: &str) -> Result<String, String> {
     let expected = || "expected a host and a port, as in 10.0.0.1:7451".to_owned();
     is_address(text).then(|| text.to_owned()).ok_or_else(expected)
 }

@@ -180,6 +180,13 @@ impl Request {
         Self { who: who.into(), asked_unix_nanos, change: change.into() }
     }
 
+    /// The same request, made earlier `by` this time.
+    #[must_use]
+    pub fn made_earlier(self, by: Duration) -> Self {
+        let by = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
+        Self { asked_unix_nanos: self.asked_unix_nanos.saturating_sub(by), ..self }
+    }
+
     /// Time since the request; 0 for one from the future, made before the clock was set back.
     pub fn age(&self) -> Duration {
         let asked = SystemTime::UNIX_EPOCH + Duration::from_nanos(self.asked_unix_nanos);

@@ -9,7 +9,8 @@ use graph::options::Options;
 use network::requests::{RequestError, Requester};
 use promises::oracle::{Limits, acquit};
 use promises::{
-    Launched, Message, Outcome, Record, binaries, graph_with, launch_command, signal, wait_until,
+    Hosts, Launched, Message, Outcome, Record, Screen, binaries, graph_with, launch_command,
+    signal, wait_until,
 };
 use protocol::message::Participant;
 use rustix::process::Signal;
@@ -29,7 +30,7 @@ fn hold() -> String {
 
 /// A port that is free until the bridge takes it. It is none of those that the system gives to
 /// outgoing connections.
-fn free_port() -> Result<u16, Failure> {
+pub(super) fn free_port() -> Result<u16, Failure> {
     static TRIED: AtomicU16 = AtomicU16::new(0);
     let first = u16::try_from(std::process::id() % 6_000)? + 20_000;
     let ports = std::iter::repeat_with(|| first + TRIED.fetch_add(1, Ordering::Relaxed));
@@ -47,10 +48,15 @@ struct Reached {
 
 impl Reached {
     fn new() -> Result<Self, Failure> {
+        let address = format!("127.0.0.1:{}", free_port()?);
+        Self::at(&address, &address)
+    }
+
+    /// A robot whose bridge listens at `address`, which others reach at `from_outside`.
+    fn at(address: &str, from_outside: &str) -> Result<Self, Failure> {
         let certificates = Certificates::new()?;
         let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-        let port = free_port()?;
-        let tables = format!("[requests]\nrobot = \"127.0.0.1:{port}\"\n");
+        let tables = format!("[requests]\nrobot = \"{address}\"\n");
         let graph = graph_with("local", &tables, home.path())?;
         let folder = certificates.folder();
         let given = folder.to_str().ok_or("no text")?;
@@ -58,34 +64,60 @@ impl Reached {
         let command = launch_command(&graph, &home.path().join("run"), &options)?;
         let launched = Launched::by(command, home)?;
         launched.wait_for_controller(1)?;
-        Ok(Self { launched, certificates, graph, endpoint: format!("tls/127.0.0.1:{port}") })
+        Ok(Self { launched, certificates, graph, endpoint: format!("tls/{from_outside}") })
     }
 
     fn requester(&self, role: &Role) -> Result<Requester, RequestError> {
         Requester::open(&self.endpoint, &self.certificates.of(role))
     }
 
-    /// Exit code of `coxswain ARGUMENTS` with the address and the certificates.
-    fn tell(&self, arguments: &[&str]) -> Result<Option<i32>, Failure> {
+    /// `coxswain ARGUMENTS` with the address and the certificates.
+    fn command(&self, arguments: &[&str]) -> Result<Command, Failure> {
         let mut command = Command::new(binaries()?.join("coxswain"));
         let at = self.endpoint.trim_start_matches("tls/");
         command.args(arguments).args(["--at", at, "--certificates"]);
         command.arg(self.certificates.folder()).env("TMPDIR", self.launched.home());
-        Ok(command.output()?.status.code())
+        Ok(command)
     }
 
-    /// State of the gate, as `coxswain status` on the robot's machine says.
-    fn gate(&self) -> Option<String> {
+    /// Its exit code.
+    fn tell(&self, arguments: &[&str]) -> Result<Option<i32>, Failure> {
+        Ok(self.command(arguments)?.output()?.status.code())
+    }
+
+    /// What `coxswain status` on the robot's machine says of the robot.
+    fn robot(&self) -> Option<serde_json::Value> {
         let mut command = Command::new(binaries().ok()?.join("coxswain"));
         let output =
             command.args(["status", "--json"]).env("TMPDIR", self.launched.home()).output();
-        let status: serde_json::Value = serde_json::from_slice(&output.ok()?.stdout).ok()?;
-        status["robot"]["gate"].as_str().map(str::to_owned)
+        let mut status: serde_json::Value = serde_json::from_slice(&output.ok()?.stdout).ok()?;
+        Some(status["robot"].take())
+    }
+
+    fn gate(&self) -> Option<String> {
+        self.robot()?["gate"].as_str().map(str::to_owned)
+    }
+
+    /// Speed forward \[m/s\].
+    fn speed(&self) -> Option<f64> {
+        self.robot()?["velocity"][0].as_f64()
+    }
+
+    /// Presses the key `w` again and again, until the speed is as expected.
+    fn hold_until(&self, keys: &mut Screen, what: &str, expected: fn(f64) -> bool) -> Outcome {
+        self.launched.wait_until(what, || {
+            for _ in 0..10 {
+                let _ = keys.press("w");
+                thread::sleep(Duration::from_millis(50));
+            }
+            self.speed().is_some_and(expected)
+        })
     }
 
     fn end(self) -> Result<Record, Failure> {
         let certificates = Some(self.certificates.folder());
-        let options = Options { certificates, ..Options::of_graph(&self.graph) };
+        let scenario = Some("goals".into());
+        let options = Options { scenario, certificates, ..Options::of_graph(&self.graph) };
         let limits = Limits::of(&Assembly::read(&options)?);
         signal(self.launched.pid(), Signal::TERM)?;
         let (_, home) = self.launched.end()?;
@@ -95,7 +127,7 @@ impl Reached {
     }
 }
 
-fn gates(record: &Record) -> Vec<String> {
+pub(super) fn gates(record: &Record) -> Vec<String> {
     let mut gates: Vec<String> =
         record.of("state").map(|state| state.word("gate").to_owned()).collect();
     gates.dedup();
@@ -113,6 +145,73 @@ fn an_operator_on_another_machine_gives_goals_and_stops_the_robot() -> Outcome {
     let record = reached.end()?;
     let gates = gates(&record);
     assert!(gates.ends_with(&["stopped".into(), "armed".into(), "driving".into()]), "{gates:?}");
+    Ok(())
+}
+
+fn moves(speed: f64) -> bool {
+    speed > 0.1
+}
+
+fn stands(speed: f64) -> bool {
+    speed.abs() < 0.02
+}
+
+#[test]
+fn an_operator_on_another_machine_drives_by_keyboard_and_a_lost_link_lets_the_robot_brake()
+-> Outcome {
+    let hosts = Hosts::with_relay()?;
+    let reached = Reached::at(&hosts.address(), &hosts.far_address())?;
+    let drive = reached.command(&["drive", "--dead-man", "1"])?;
+    let mut keys = Screen::start(&drive, (100, 24))?;
+    keys.wait_for(&["+0.00 +0.00 +0.00"])?;
+    reached.hold_until(&mut keys, "motion", moves)?;
+    // Without a key.
+    reached.launched.wait_until("standstill", || reached.speed().is_some_and(stands))?;
+    reached.hold_until(&mut keys, "motion", moves)?;
+    hosts.pull_cable()?;
+    reached.hold_until(&mut keys, "standstill with a key that is held", stands)?;
+    hosts.plug_cable()?;
+    reached.hold_until(&mut keys, "motion after the cut", moves)?;
+    reached.launched.wait_until("a latched stop", || {
+        keys.press("x").is_ok() && reached.gate().as_deref() == Some("stopped")
+    })?;
+    keys.press("\x1b")?;
+    assert_eq!(keys.end()?.code(), Some(0), "{}", keys.text());
+    keys.wait_until_restored()?;
+    let record = reached.end()?;
+    let kinds: Vec<&str> = record.of("goal").map(|goal| goal.word("kind")).collect();
+    assert!(kinds.contains(&"velocity") && !kinds.contains(&"pose"), "{kinds:?}");
+    Ok(())
+}
+
+#[test]
+fn a_velocity_that_the_network_holds_up_moves_no_robot() -> Outcome {
+    let hosts = Hosts::with_relay()?;
+    let reached = Reached::at(&hosts.address(), &hosts.far_address())?;
+    let velocity = Demand::Velocity { velocity: [0.5, 0.0, 0.0], valid_s: 0.4 };
+    let velocity = GoalRequest::of(velocity).text();
+    let mut code = None;
+    // A cut of two seconds ends the session.
+    for _ in 0..10 {
+        let operator = reached.requester(&Role::Operator)?;
+        operator.ask(Participant::Controller, &hold())?;
+        hosts.pull_cable()?;
+        let outcome = thread::scope(|scope| {
+            let asked = scope.spawn(|| operator.ask(Participant::Controller, &velocity));
+            thread::sleep(Duration::from_millis(900));
+            hosts.plug_cable().map(|()| asked.join())
+        })?;
+        let outcome = outcome.map_err(|_| "a panic")?;
+        let Ok(reply) = outcome else { continue };
+        let reply: serde_json::Value = serde_json::from_slice(&reply)?;
+        assert_eq!(reply["outcome"], "refused", "{reply}");
+        code = reply["code"].as_str().map(str::to_owned);
+        break;
+    }
+    assert_eq!(code.as_deref(), Some("ended"));
+    let record = reached.end()?;
+    let fastest = record.of("state").map(|state| state.numbers("velocity")[0].abs());
+    assert!(fastest.fold(0.0, f64::max) < 0.05);
     Ok(())
 }
 

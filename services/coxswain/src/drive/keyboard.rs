@@ -1,6 +1,7 @@
 //! The keys of a terminal, until a key or a signal ends it.
 
 use super::steering::Steering;
+use super::way::Way;
 use super::{DriveError, DriveOptions};
 use crossterm::event::{self, Event};
 use crossterm::terminal::{disable_raw_mode, enable_raw_mode, size};
@@ -36,7 +37,11 @@ pub(super) fn run(options: &DriveOptions, base: &Path) -> Result<(), DriveError>
         speeds.ground_mps = speed;
     }
     let dead_man = DeadMan::new(Duration::from_secs_f64(options.dead_man_s), speeds);
-    let mut steering = Steering::new(options.to.run.as_deref(), base, dead_man, Instant::now())?;
+    let way = match Way::over_network(&options.to, options.stop_at.as_deref())? {
+        Some(way) => way,
+        None => Way::on_this_machine(options.to.run.as_deref(), base, Instant::now())?,
+    };
+    let mut steering = Steering::new(way, dead_man);
     let stop = Stop::new();
     stop.on_signals().map_err(DriveError::Terminal)?;
     let raw = RawMode::begin().map_err(DriveError::Terminal)?;

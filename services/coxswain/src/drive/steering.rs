@@ -4,22 +4,17 @@
 //! controller that is restarted finds one goal at most.
 
 use super::DriveError;
-use crate::joined::{JoinError, Joined};
-use crate::set::request;
+use super::way::{Awaited, Reply, Way};
 use controller::goal::{Demand, GoalRequest};
 use gate::Order;
-use process::requests::{Asked, Outcome};
-use protocol::message::{GateState, Goal, Participant, PlantState};
-use std::path::Path;
+use process::requests::Outcome;
+use protocol::message::Participant;
 use std::thread;
 use std::time::{Duration, Instant};
 use teleop::dead_man::{DeadMan, Speeds};
 use teleop::keys::Key;
 use teleop::steer::{Steer, SteerError};
-use transport::Source;
 
-/// Interval between two checks whether the launch still runs.
-const CHECK: Duration = Duration::from_millis(200);
 /// Time after which a missing reply is shown.
 const OVERDUE: Duration = Duration::from_secs(1);
 /// Longest wait for the last replies at the end.
@@ -28,49 +23,24 @@ const ENDS_WITHIN: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(2);
 
 /// A request without a reply, since a time.
-type Waiting = Option<(Asked, Instant)>;
+type Waiting = Option<(Awaited, Instant)>;
 
 /// Drives the robot of a launch by keys.
 pub(super) struct Steering {
-    joined: Joined,
-    goals: Source<Goal>,
-    states: Source<PlantState>,
-    goal: Option<Goal>,
-    state: Option<PlantState>,
+    way: Way,
     dead_man: DeadMan,
     goal_asked: Waiting,
     stop_asked: Waiting,
-    checked: Instant,
+    /// How long the last goal waited for its reply.
+    reply_after: Option<Duration>,
     /// The last news, which is not repeated.
     told: Option<String>,
 }
 
 impl Steering {
-    /// Joins the launch in the run directory `run`, or the only one that runs, with the graphs of
-    /// this machine in `base`.
-    ///
-    /// # Errors
-    /// [`JoinError`].
-    pub(super) fn new(
-        run: Option<&Path>,
-        base: &Path,
-        dead_man: DeadMan,
-        now: Instant,
-    ) -> Result<Self, JoinError> {
-        let joined = Joined::new(run, base)?;
-        let (goals, states) = (joined.watcher()?, joined.watcher()?);
-        Ok(Self {
-            joined,
-            goals,
-            states,
-            goal: None,
-            state: None,
-            dead_man,
-            goal_asked: None,
-            stop_asked: None,
-            checked: now,
-            told: None,
-        })
+    /// No key is pressed.
+    pub(super) fn new(way: Way, dead_man: DeadMan) -> Self {
+        Self { way, dead_man, goal_asked: None, stop_asked: None, reply_after: None, told: None }
     }
 
     /// Whether a request waits for its reply.
@@ -88,9 +58,9 @@ impl Steering {
             Key::Stand | Key::End => self.dead_man.stand(),
             Key::Stop => {
                 self.dead_man.stopped();
-                if self.stop_asked.is_none() && self.gate() != Some(GateState::Stopped) {
-                    let (folder, stop) = (&self.joined.folder, Order::Stop.name());
-                    self.stop_asked = Some((request(folder, Participant::Plant, stop)?, now));
+                if self.stop_asked.is_none() && !self.way.is_stopped() {
+                    let stop = Order::Stop.name().to_owned();
+                    self.stop_asked = Some((self.way.ask(Participant::Plant, stop)?, now));
                 }
             }
             Key::Faster => {
@@ -111,21 +81,29 @@ impl Steering {
     /// # Errors
     /// [`DriveError`] if the launch has ended or a request cannot be written.
     pub(super) fn step(&mut self, now: Instant) -> Result<Option<String>, DriveError> {
-        if now.saturating_duration_since(self.checked) >= CHECK {
-            self.joined.check()?;
-            self.checked = now;
+        self.way.look(now)?;
+        let since = self.goal_asked.as_ref().map(|(_, since)| *since);
+        let replies = (taken(&mut self.stop_asked), taken(&mut self.goal_asked));
+        if let (Some(since), (_, Some(_))) = (since, &replies) {
+            self.reply_after = Some(now.saturating_duration_since(since));
         }
-        self.goal = self.goals.latest().map_err(JoinError::from)?.or(self.goal);
-        self.state = self.states.latest().map_err(JoinError::from)?.or(self.state);
-        let news = match (taken(&mut self.stop_asked), taken(&mut self.goal_asked)) {
-            (Some(Outcome::Applied { .. }), _) => {
+        let news = match replies {
+            (Some(Reply::Outcome(Outcome::Applied { .. })), _) => {
                 Some("stopped; `coxswain resume` lets the robot drive again".to_owned())
             }
-            (Some(Outcome::Refused { reason, .. }), _) => Some(format!("stop rejected: {reason}")),
-            (None, Some(Outcome::Refused { reason, .. })) => {
+            (Some(Reply::Outcome(Outcome::Refused { reason, .. })), _) => {
+                self.dead_man.stand();
+                Some(format!("stop rejected: {reason}"))
+            }
+            (Some(Reply::Unknown(reason)), _) => {
+                self.dead_man.stand();
+                Some(format!("stop not confirmed: {reason}"))
+            }
+            (None, Some(Reply::Outcome(Outcome::Refused { reason, .. }))) => {
                 Some(format!("goal rejected: {reason}"))
             }
-            (None, Some(Outcome::Applied { .. })) => {
+            (None, Some(Reply::Unknown(reason))) => Some(format!("goal not confirmed: {reason}")),
+            (None, Some(Reply::Outcome(Outcome::Applied { .. }))) => {
                 self.told = None;
                 None
             }
@@ -142,17 +120,14 @@ impl Steering {
         Ok(news)
     }
 
-    /// The keys and the robot at `now`, in one line.
+    /// The keys and the robot at `now`, in one line. From another machine the robot is not seen,
+    /// but the time of the last reply.
     pub(super) fn line(&self, now: Instant) -> String {
-        let triple =
-            |[forward, left, rate]: [f64; 3]| format!("{forward:+.2} {left:+.2} {rate:+.2}");
         let keys = triple(self.dead_man.velocity(now));
-        let robot = self.state.map_or_else(|| "unknown".to_owned(), |state| triple(state.velocity));
-        let gate = self.gate().map_or("unknown", |gate| gate.text());
-        let goal = self.goal.map_or_else(
-            || "no goal".to_owned(),
-            |goal| format!("goal {} {}", goal.id, goal.phase()),
-        );
+        let seen = self.way.line().unwrap_or_else(|| match self.reply_after {
+            Some(time) => format!("last reply after {} ms", time.as_millis()),
+            None => "no goal yet".to_owned(),
+        });
         let overdue = |asked: &Waiting| {
             asked.as_ref().is_some_and(|(_, since)| now.saturating_duration_since(*since) > OVERDUE)
         };
@@ -161,7 +136,7 @@ impl Steering {
             (false, true) => "; the controller does not reply",
             (false, false) => "",
         };
-        format!("keys {keys}; robot {robot}; {gate}; {goal}{silent}")
+        format!("keys {keys}; {seen}{silent}")
     }
 
     /// Lets the robot stand, if a goal of the keys still moves it, and waits for the last replies,
@@ -174,7 +149,7 @@ impl Steering {
         if self.dead_man.is_moving(begin) {
             self.give(Demand::Hold {}, begin)?;
         }
-        while self.waits() && begin.elapsed() < ENDS_WITHIN && self.joined.check().is_ok() {
+        while self.waits() && begin.elapsed() < ENDS_WITHIN && self.way.may_reply() {
             thread::sleep(LOOK);
             taken(&mut self.stop_asked);
             taken(&mut self.goal_asked);
@@ -184,18 +159,13 @@ impl Steering {
 
     fn give(&mut self, goal: Demand, now: Instant) -> Result<(), DriveError> {
         let goal = GoalRequest::of(goal);
-        let asked = request(&self.joined.folder, Participant::Controller, &goal.text())?;
-        self.goal_asked = Some((asked, now));
+        self.goal_asked = Some((self.way.ask(Participant::Controller, goal.text())?, now));
         Ok(())
     }
 
     fn speeds(&self) -> String {
         let Speeds { ground_mps, yaw_rate_radps } = self.dead_man.speeds();
         format!("speeds: {ground_mps:.2} m/s, {yaw_rate_radps:.2} rad/s")
-    }
-
-    fn gate(&self) -> Option<GateState> {
-        self.state.as_ref().map(PlantState::gate)
     }
 }
 
@@ -217,9 +187,14 @@ impl Steer for Steering {
     }
 }
 
-/// The outcome of a request, once it has a reply.
-fn taken(waiting: &mut Waiting) -> Option<Outcome> {
-    let settled = waiting.as_ref()?.0.answer()?;
+/// The reply to a request, once it is there.
+fn taken(waiting: &mut Waiting) -> Option<Reply> {
+    let reply = waiting.as_ref()?.0.reply()?;
     *waiting = None;
-    Some(settled.answer.outcome)
+    Some(reply)
+}
+
+/// A velocity (forward, left, yaw) as text.
+pub(super) fn triple([forward, left, rate]: [f64; 3]) -> String {
+    format!("{forward:+.2} {left:+.2} {rate:+.2}")
 }
