@@ -5,3 +5,4 @@ mod gateway;
 mod hosts;
 mod requests;
 mod session;
+mod two_hosts;
