@@ -1,9 +1,10 @@
 //! Promise: a robot written in another language, from `protocol/WIRE.md` alone, is driven and
 //! learned.
 
+use process::lists::{Lists, Verdict, socket};
 use promises::{
-    Launched, Outcome, Reader, binaries, graph_file, launch_command, python, repository, signal,
-    text_of,
+    Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, python, repository,
+    signal, text_of,
 };
 use rustix::process::Signal;
 use std::error::Error;
@@ -21,6 +22,9 @@ fn clients() -> PathBuf {
     repository().join("deploy/clients/python")
 }
 
+/// The driver prints its distance to the circle of the scenario.
+const CIRCLE: [&str; 3] = ["--circle", "2", "1.5"];
+
 /// Whether bridge and driver have certificates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Access {
@@ -28,12 +32,13 @@ enum Access {
     Certificates,
 }
 
-/// A launch of the host `control` of `foreign-driver.toml` for a circle, and the command of its
+/// A launch of the host `control` of `foreign-driver.toml` for `scenario`, and the command of its
 /// driver. No other test has its port.
 fn control_host(
     script: &Path,
     access: Access,
     pace: &str,
+    scenario: &str,
 ) -> Result<(Launched, Command), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
@@ -41,8 +46,8 @@ fn control_host(
     let mut robot = Command::new(python()?);
     robot.arg("-B").arg(script).arg("--robot").arg(repository().join("deploy/robots/mecanum.toml"));
     robot.args(["--graph", "mecanum", "--host", "driver", "--to", "control", "--pace", pace]);
-    robot.args(["--circle", "2", "1.5", "--recorded", "--connect"]);
-    let options = ["--host", "control", "--scenario", "circle", "--pace", pace];
+    robot.args(["--recorded", "--connect"]);
+    let options = ["--host", "control", "--scenario", scenario, "--pace", pace];
     let mut launch =
         launch_command(&graph_file("foreign-driver"), &home.path().join("run"), &options)?;
     launch.args(["--address", &format!("driver={address}"), "--duration", "600"]);
@@ -72,8 +77,8 @@ struct Driven {
 /// A circle of 15 s in lock step, driven by a real controller with a real learner, with more
 /// `arguments` for the robot.
 fn driven(script: &Path, access: Access, arguments: &[&str]) -> Result<Driven, Box<dyn Error>> {
-    let (launched, mut robot) = control_host(script, access, "lock-step")?;
-    let text = text_of(robot.args(arguments))?;
+    let (launched, mut robot) = control_host(script, access, "lock-step", "circle")?;
+    let text = text_of(robot.args(CIRCLE).args(arguments))?;
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     Ok(Driven { text, told: ended.text, home })
@@ -103,6 +108,12 @@ fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outc
     Ok(())
 }
 
+/// The number behind `name` in a line of the robot.
+fn number(line: &str, name: &str) -> Option<f64> {
+    let (_, rest) = line.split_once(name)?;
+    rest.split_whitespace().next()?.parse().ok()
+}
+
 /// The fallback level in a line of the robot.
 fn fallback_level(line: &str) -> Option<u32> {
     let (_, rest) = line.split_once("fallback level ")?;
@@ -112,8 +123,9 @@ fn fallback_level(line: &str) -> Option<u32> {
 #[test]
 fn a_robot_in_python_drives_on_after_the_bridge_is_killed() -> Outcome {
     for access in [Access::Open, Access::Certificates] {
-        let (launched, mut robot) = control_host(&clients().join("robot.py"), access, "real-time")?;
-        let mut robot = Reader::start(robot.args(["--duration", "600"]))?;
+        let script = clients().join("robot.py");
+        let (launched, mut robot) = control_host(&script, access, "real-time", "circle")?;
+        let mut robot = Reader::start(robot.args(CIRCLE).args(["--duration", "600"]))?;
         let drives = |robot: &mut Reader| -> Outcome {
             while fallback_level(robot.lines(1)?.first().ok_or("no line")?) != Some(1) {}
             Ok(())
@@ -128,6 +140,75 @@ fn a_robot_in_python_drives_on_after_the_bridge_is_killed() -> Outcome {
         signal(robot.pid(), Signal::TERM)?;
         assert_eq!(robot.end()?.code(), Some(128 + 15), "{access:?}: {}", robot.errors());
     }
+    Ok(())
+}
+
+/// The robot file of `robot.py` with its true response.
+fn slow_robot(home: &Path) -> Result<String, Box<dyn Error>> {
+    let text = fs::read_to_string(repository().join("deploy/robots/mecanum.toml"))?;
+    let (wheels, rest) = text.split_once("[body]").ok_or("no [body]")?;
+    let (_, limits) = rest.split_once("[limits]").ok_or("no [limits]")?;
+    let response = "[response]\ntime_constant_s = [0.6, 0.6, 0.4]\ngain = [0.8, 0.75, 0.8]\n\
+                    wheel_speed_limit_radps = 120.0\n";
+    let file = home.join("robot.toml");
+    fs::write(&file, format!("{wheels}{response}[limits]{limits}"))?;
+    Ok(file.display().to_string())
+}
+
+#[test]
+fn a_robot_in_python_keeps_its_map_and_the_lists_of_planners() -> Outcome {
+    let script = clients().join("robot.py");
+    let (launched, mut robot) = control_host(&script, Access::Open, "real-time", "hold")?;
+    let (map, socket) = (launched.home().join("map.toml"), socket(launched.home()));
+    // The controller does not know this map.
+    fs::write(&map, "fence_m = [[-1, -2], [4, -2], [4, 2], [-1, 2]]\n")?;
+    robot.arg("--map").arg(&map).arg("--lists").arg(&socket).args(["--duration", "600"]);
+    let robot_file = slow_robot(launched.home())?;
+    let mut robot = Reader::start(robot.args(["--robot", &robot_file]))?;
+    launched.wait_for_log("controller", "answering a plant", 1)?;
+    let drive = || -> Outcome {
+        let mut drive = Command::new(binaries()?.join("coxswain"));
+        drive.args(["drive", "0.5", "0", "0", "--for", "60", "--no-wait"]);
+        text_of(drive.env("TMPDIR", launched.home()))?;
+        Ok(())
+    };
+    // x where it stands, beyond `from`, in a line with `reason`.
+    let mut standstill = |reason: &str, from: f64| -> Result<f64, Box<dyn Error>> {
+        let mut before = f64::INFINITY;
+        for _ in 0..120 {
+            let line = robot.lines(1)?.pop().ok_or("no line")?;
+            let x = number(&line, " x ").ok_or("no x")?;
+            if line.contains(reason) && x > from && (x - before).abs() < 0.01 {
+                return Ok(x);
+            }
+            before = x;
+        }
+        Err(format!("no standstill beyond {from} m with {reason:?}: {before} m").into())
+    };
+    drive()?;
+    let x = standstill("reason 24,", -0.1)?;
+    assert!(x.abs() < 0.05, "without a list it stands: {x} m");
+    let mut lists = Lists::new(launched.home());
+    let wall = r#"[{"corners_m": [[2, -9], [2.2, -9], [2.2, 9], [2, 9]]}]"#;
+    let list = |obstacles: &str| format!(r#"{{"valid_s": 600, "obstacles": {obstacles}}}"#);
+    assert_eq!(lists.send(&list(wall))?, Verdict::Accepted);
+    assert!(matches!(lists.send(&list("1"))?, Verdict::Rejected { .. }));
+    drive()?;
+    let x = standstill("", 0.5)?;
+    assert!(x < 2.0 - 0.175, "before the wall: {x} m");
+    assert_eq!(lists.send(&list("[]"))?, Verdict::Accepted);
+    drive()?;
+    let x = standstill("reason 26,", 2.5)?;
+    assert!(x < 4.0 - 0.175, "before the fence: {x} m");
+
+    signal(launched.pid(), Signal::TERM)?;
+    let (_, home) = launched.end()?;
+    signal(robot.pid(), Signal::TERM)?;
+    let record = Record::read(&home.path().join("run"))?;
+    let sources: Vec<&str> = record.of("obstacles").map(|list| list.word("source")).collect();
+    assert_eq!(sources, ["planner", "planner"]);
+    let reasons: Vec<&str> = record.of("state").map(|state| state.word("reason")).collect();
+    assert!(reasons.contains(&"obstacles unknown") && reasons.contains(&"geofence"));
     Ok(())
 }
 

@@ -23,6 +23,8 @@ from .driver import Driver, arguments, main
 from .gate import Gate, Limits
 from .goals import GoalError, Goals, Launch, running_launch, running_launches
 from .obstacles import Obstacles, ObstaclesError
+from .protection import Obstacle
+from .shape import Shape
 from .wire import Vector
 
 __all__ = [
@@ -33,9 +35,11 @@ __all__ = [
     "Goals",
     "Launch",
     "Limits",
+    "Obstacle",
     "Obstacles",
     "ObstaclesError",
     "Sensors",
+    "Shape",
     "Vector",
     "arguments",
     "main",

@@ -1,8 +1,10 @@
 """What the author of a robot writes: sensors out, body velocity in."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from .protection import Obstacle
 from .wire import Vector
 
 
@@ -39,3 +41,11 @@ class Base(ABC):
         the last call. In lock step a simulated robot moves for `seconds`. This call also feeds the
         watchdog of the motors: without it for 0.1 s they must stop by themselves.
         """
+
+    def obstacles(self) -> Sequence[Obstacle] | None:
+        """All obstacles that the robot's own sensors know now, in the world frame, at most 64.
+
+        None if it has no such sensors. The driver calls it once per period, after `read`. The gate
+        slows the robot before them, and the controller plans around them.
+        """
+        return None

@@ -17,7 +17,11 @@ import zenoh
 os.environ["ZENOH_RUNTIME"] = "(rx:(handover:tx),acc:(handover:net))"
 
 WAITS_S = 60.0  # for the bridge, at the start
-PRIORITIES = {"state": zenoh.Priority.REAL_TIME, "health": zenoh.Priority.DATA_LOW}
+PRIORITIES = {
+    "state": zenoh.Priority.REAL_TIME,
+    "obstacles": zenoh.Priority.REAL_TIME,
+    "health": zenoh.Priority.DATA_LOW,
+}
 RECEIVED = ("command", "credit")
 
 
@@ -96,7 +100,7 @@ class Connection:
             message,
             priority=PRIORITIES[topic],
             congestion_control=self.congestion,
-            express=topic == "state",
+            express=topic != "health",
         )
 
     def close(self) -> None:

@@ -12,15 +12,20 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
+from . import body, map_file
 from .base import Base
 from .connection import Connection, configuration
 from .gate import BAD_STATE, DISARMED, OPERATOR_STOP, STOPPED, STOPPING, ZERO, Gate, Limits
-from .messages import Command, Credit, Health, PlantState, Stamp
+from .messages import Command, Credit, Health, Obstacles, PlantState, Stamp
+from .planner import OBSTACLES_MAX, Planners
+from .protection import Obstacle, Protection, Surroundings
+from .shape import CORNERS_MAX
 from .wire import Refused, Wire
 
 TOPICS = 10
@@ -32,6 +37,23 @@ READY, RUNNING, FINISHED = 1, 2, 4  # phases
 STEP_S = 0.005  # interval between two commands to the wheels
 REPEAT_S = 1.0  # in lock step: the state is sent again after this time without an answer
 WHEELS_MAX = 8  # in a message
+VALID_PERIODS = 10.0  # time after which a list of the robot's own sensors is too old
+OWN, PLANNER = 0, 1  # sources of a list
+OBSTACLES = 9  # number of the topic
+
+
+@dataclass(frozen=True)
+class Ends:
+    """What a driver is between: the base, the bridge and, if they may send lists, planners."""
+
+    base: Base
+    connection: Connection
+    planners: Planners | None = None
+
+    def close(self) -> None:
+        if self.planners:
+            self.planners.close()
+        self.connection.close()
 
 
 class Driver:
@@ -42,19 +64,24 @@ class Driver:
 
     def __init__(
         self,
-        base: Base,
+        ends: Ends,
         options: argparse.Namespace,
         limits: Limits,
-        connection: Connection,
+        protection: Protection,
         each_period: EachPeriod,
     ) -> None:
         self.period, self.recorded = limits.period, options.recorded
         self.lock_step = options.pace == "lock-step"
         self.ticks, self.epoch = round(options.duration / self.period), options.epoch
-        self.limits, self.connection = limits, connection
+        self.limits, self.connection = limits, ends.connection
         self.writer = secrets.randbelow((1 << 64) - 1) + 1
-        self.gate = Gate(limits, self.epoch, options.delay_ms / 1e3, not options.disarmed)
-        self.base, self.each_period = base, each_period
+        delay = options.delay_ms / 1e3
+        self.gate = Gate(limits, self.epoch, delay, not options.disarmed, protection)
+        self.protection, self.planners = protection, ends.planners
+        if self.planners:
+            # No list is there yet: until the first one the robot is slow.
+            protection.see_obstacles(PLANNER, [], -math.inf, 0.0)
+        self.base, self.each_period = ends.base, each_period
         self.last_sequence: dict[tuple[int, int], int] = {}
         self.sent: Counter[str] = Counter()
         self.received, self.through_tick = 0, -1
@@ -92,6 +119,7 @@ class Driver:
             self.gate.order("arm" if self.gate.state == DISARMED else "resume")
         self.gate.begin(tick, now)
         self.gate.see_pose(sensors.pose, sensors.velocity, now)
+        self._publish_obstacles(now)
         last = self.gate.stored
         epoch, accepted = (last.stamp.epoch, last.stamp.tick) if last else (0, 0)
         fallback_level, reason = self.gate.past
@@ -119,6 +147,29 @@ class Driver:
         self.state = Wire.encode(state)
         self.connection.put("state", self.state)
         self.phase = RUNNING
+
+    def _publish_obstacles(self, now: float) -> None:
+        """Passes the lists to the gate, and publishes them before the state: the controller that
+        receives the state has the lists as well. That of the robot itself is the last one.
+        """
+        planned = self.planners.due() if self.planners else None
+        if planned:
+            moved = [one.moved(planned.age) for one in planned.obstacles]
+            self.protection.see_obstacles(PLANNER, moved, now, planned.valid)
+            self._put_obstacles(PLANNER, planned.obstacles, planned.age, planned.valid)
+        seen = self.base.obstacles()
+        if seen is not None:
+            known, valid = tuple(seen)[:OBSTACLES_MAX], VALID_PERIODS * self.period
+            self.protection.see_obstacles(OWN, list(known), now, valid)
+            self._put_obstacles(OWN, known, 0.0, valid)
+
+    def _put_obstacles(
+        self, source: int, known: tuple[Obstacle, ...], age: float, valid: float
+    ) -> None:
+        rows = tuple(row_of(one) for one in known)
+        stamp = self._stamp("obstacles")
+        message = Obstacles(stamp, self.epoch, age, valid, source, rows)
+        self.connection.put("obstacles", Wire.encode(message))
 
     def _per_wheel(self, measured: tuple[float, ...] | None) -> tuple[float, ...]:
         """One number for each wheel that a message can have."""
@@ -195,8 +246,15 @@ class Driver:
             return
         self.next_health = now + 0.1
         stamp, none = self._stamp("health"), (0,) * TOPICS
-        sent, received = (self.sent["state"], *none[1:]), (0, self.received, *none[2:])
-        counts = (sent, received, none, (0, self.gate.refused, *none[2:]), none)
+        planners = self.planners
+
+        def counted(state: int, command: int, obstacles: int) -> tuple[int, ...]:
+            return (state, command, *none[2:OBSTACLES], obstacles)
+
+        sent = counted(self.sent["state"], 0, self.sent["obstacles"])
+        received = counted(0, self.received, planners.accepted if planners else 0)
+        refused = counted(0, self.gate.refused, planners.rejected if planners else 0)
+        counts = (sent, received, none, refused, none)
         pid = os.getpid()
         errors = {
             DISARMED: f"disarmed: kill -USR1 {pid} arms the robot",
@@ -225,6 +283,14 @@ class Driver:
         self.show_health(at_once=True)
         while time.monotonic() < begin + 1.0:
             self._serve(0.1)
+
+
+def row_of(obstacle: Obstacle) -> tuple[float, ...]:
+    """An obstacle in a message: velocity, radius, and eight corners, of which the last repeats."""
+    shape = obstacle.shape
+    corners = [*shape.corners, *[shape.corners[-1]] * (CORNERS_MAX - len(shape.corners))]
+    places = (place for corner in corners for place in corner)
+    return (*obstacle.velocity, shape.radius, *places)
 
 
 def new_epoch() -> int:
@@ -263,6 +329,18 @@ def arguments(description: str) -> argparse.ArgumentParser:
         "robot file with the limits (%(default)s)",
         type=Path,
         default=Path("deploy/robots/mecanum.toml"),
+    )
+    option(
+        "--map",
+        "map file with obstacles, zones and a fence, which the gate keeps",
+        type=Path,
+        metavar="FILE",
+    )
+    option(
+        "--lists",
+        "path of a socket for the lists of obstacles of planners; without a list the robot is slow",
+        type=Path,
+        metavar="SOCKET",
     )
     option(
         "--pace",
@@ -324,11 +402,17 @@ def main(
 ) -> int:
     """Drives the base that `make_base` returns for the arguments. Returns the exit code."""
     options = parsed(parser or arguments("The driver of a robot, over zenoh."))
-    program = Path(sys.argv[0]).name
+    program, period = Path(sys.argv[0]).name, options.period_ms / 1e3
     try:
-        limits = Limits.read(options.robot, options.period_ms / 1e3)
+        limits = Limits.read(options.robot, period)
+        shape = body.read(options.robot, period)
     except (OSError, KeyError, ValueError) as error:
         print(f"{program}: {options.robot}: not a robot file: {error!r}", file=sys.stderr)
+        return 2
+    try:
+        around = map_file.read(options.map) if options.map else Surroundings()
+    except (OSError, ValueError) as error:
+        print(f"{program}: --map {options.map}: not a map file: {error}", file=sys.stderr)
         return 2
     try:
         config = configuration(options.connect, options.certificates)
@@ -338,7 +422,14 @@ def main(
         print(f"{program}: no bridge at {options.connect}: {error}", file=sys.stderr)
         return 1
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    driver = Driver(make_base(options), options, limits, connection, each_period)
+    try:
+        planners = Planners(options.lists, options.pace == "lock-step") if options.lists else None
+    except OSError as error:
+        print(f"{program}: --lists {options.lists}: no socket: {error}", file=sys.stderr)
+        connection.close()
+        return 2
+    driver_ends = Ends(make_base(options), connection, planners)
+    driver = Driver(driver_ends, options, limits, Protection(shape, around), each_period)
     signal.signal(signal.SIGUSR1, lambda *_: driver.obey())
     signal.signal(signal.SIGUSR2, lambda *_: driver.gate.stop(OPERATOR_STOP))
     try:
@@ -348,5 +439,5 @@ def main(
         return 130
     finally:
         driver.rest()
-        connection.close()
+        driver_ends.close()
     return 0

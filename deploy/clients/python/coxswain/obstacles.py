@@ -1,6 +1,6 @@
-"""Lists of obstacles for a robot whose launch runs on this machine.
+"""Lists of obstacles for a robot on this machine.
 
-The plant takes them from a socket: one line of JSON for each list, and one for the reply. The page
+Its plant takes them from a socket: one line of JSON for each list, and one for the reply. The page
 docs/how-to/keep-clear-of-obstacles.md explains them.
 
     disc = {"corners_m": [[2.0, 0.5]], "radius_m": 0.3, "velocity_mps": [0.0, 0.0]}
@@ -10,6 +10,7 @@ docs/how-to/keep-clear-of-obstacles.md explains them.
 
 import json
 import socket
+from pathlib import Path
 from typing import Any, Self
 
 from .goals import Launch
@@ -28,8 +29,11 @@ class Obstacles:
     slows down, also if the program has ended.
     """
 
-    def __init__(self, launch: Launch) -> None:
-        self.path = str(launch.links / "lists")
+    def __init__(self, launch: Launch | None = None, *, socket_file: Path | None = None) -> None:
+        """To the plant of a launch, or to a driver with this socket (its option `--lists`)."""
+        if (launch is None) == (socket_file is None):
+            raise TypeError("expected a launch or a socket")
+        self.path = str(socket_file if launch is None else launch.links / "lists")
         self.stream: socket.socket | None = None
 
     def __enter__(self) -> Self:

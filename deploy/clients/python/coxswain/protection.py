@@ -29,6 +29,10 @@ class Obstacle:
     def after(self, seconds: float) -> Shape:
         return self.shape.moved((seconds * self.velocity[0], seconds * self.velocity[1]))
 
+    def moved(self, seconds: float) -> "Obstacle":
+        """The obstacle after this time."""
+        return Obstacle(self.after(seconds), self.velocity)
+
 
 @dataclass(frozen=True)
 class Surroundings:

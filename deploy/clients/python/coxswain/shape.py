@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 Point = tuple[float, float]
 Pose = tuple[float, ...]
 
+CORNERS_MAX = 8
+LARGEST_M = 1e6
+
 
 def dot(a: Point, b: Point) -> float:
     return a[0] * b[0] + a[1] * b[1]
@@ -33,6 +36,20 @@ class Shape:
         """The convex hull of `corners` in any order, grown by `radius`."""
         points = sorted({(float(x), float(y)) for x, y in corners})
         return cls(tuple(chain(points) + chain(points[::-1])) or tuple(points), radius)
+
+    @classmethod
+    def checked(cls, corners: object, radius: object) -> "Shape":
+        """The hull of what a file or a message has. Raises ValueError if there is no such shape."""
+        if not isinstance(corners, list) or not 1 <= len(corners) <= CORNERS_MAX:
+            raise ValueError(f"expected 1 to {CORNERS_MAX} corners")
+        if not all(isinstance(corner, list) and len(corner) == 2 for corner in corners):
+            raise ValueError("expected x and y of each corner")
+        numbers = [value for corner in corners for value in corner] + [radius]
+        if not all(type(value) in (int, float) and abs(value) <= LARGEST_M for value in numbers):
+            raise ValueError("expected coordinates and a radius of at most 1e6 m")
+        if not isinstance(radius, (int, float)) or radius < 0.0:
+            raise ValueError(f"expected a radius of at least 0, not {radius}")
+        return cls.hull([(x, y) for x, y in corners], float(radius))
 
     @classmethod
     def rectangle(cls, length: float, width: float) -> "Shape":
