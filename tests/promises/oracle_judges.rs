@@ -224,6 +224,14 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
     let (record, limits) = good_run()?;
     assert_eq!(rules(braked(&record, &limits, 60, 57), &limits), []);
     assert_eq!(rules(braked(&record, &limits, 60, 59), &limits), [Rule::Recovery]);
+    let mut stopped = braked(&record, &limits, 60, 59);
+    for message in
+        stopped.iter_mut().filter(|message| message.topic == "state" && message.stamp("tick") == 60)
+    {
+        message.says["fallback_level"] = json!("latched stop");
+        message.says["reason"] = json!("operator stop");
+    }
+    assert_eq!(rules(stopped, &limits), [], "a latched stop keeps the brake");
     let mut messages = braked(&record, &limits, 60, 57);
     for message in messages
         .iter_mut()

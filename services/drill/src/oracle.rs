@@ -244,7 +244,9 @@ fn judge_fallback_levels(
             );
             violations.push(Violation { rule: Rule::Reason, epoch, tick, found, expected });
         }
+        // A latched stop keeps the brake.
         let braked_by_the_gate = from == "brake"
+            && to != "latched stop"
             && truths.get(&(tick - 1)).is_none_or(|truth| truth.count("acting_epoch") == 0);
         // A state that is missing from the record is no evidence against its period.
         let good = |tick: &u64| !states.contains_key(tick) || answered(*tick);
