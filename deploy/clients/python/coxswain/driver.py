@@ -100,8 +100,8 @@ class Driver:
                 commanded = self._answered_period(tick, start)
             else:
                 start = time.monotonic()
-                # After a long delay the schedule begins again.
-                begin = max(begin, start - (tick + 1) * self.period)
+                if start >= begin + (tick + 1) * self.period:
+                    begin = start - tick * self.period  # the schedule begins again
                 self._publish(tick, start)
                 commanded = self._timed_period(start, begin + (tick + 1) * self.period)
             self.input = tuple(commanded)

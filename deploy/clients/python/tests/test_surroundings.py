@@ -30,6 +30,8 @@ from coxswain import (
 from coxswain.protection import OBSTACLES_UNKNOWN, PROTECTIVE_STOP, Protection, Surroundings
 from coxswain.wire import Wire
 
+from .test_driver import Sent
+
 ROOT = Path(__file__).parents[4]
 VECTORS = json.loads((ROOT / "protocol/vectors/surroundings.json").read_text())
 
@@ -163,16 +165,6 @@ class SeesDisc(Base):
 
     def obstacles(self) -> list[Obstacle]:
         return [Obstacle(Shape.hull([(1.0, 0.0)], 0.2), (-0.1, 0.0))]
-
-
-class Sent:
-    """In place of a connection: the messages that the driver puts."""
-
-    def __init__(self) -> None:
-        self.messages: list[tuple[str, bytes]] = []
-
-    def put(self, topic: str, message: bytes) -> None:
-        self.messages.append((topic, message))
 
 
 class OwnObstacles(unittest.TestCase):
