@@ -20,7 +20,7 @@ def main() -> None:
             for goal in goals.until_reached(number):
                 print(f"left {goal['left_m']:.2f} m, {goal['left_s']:.1f} s", flush=True)
             print(f"goal {number} reached at tick {goal['stamp']['tick']}")
-    except coxswain.GoalError as error:
+    except coxswain.RequestError as error:
         sys.exit(f"go.py: {error}")
 
 

@@ -29,7 +29,7 @@ def main() -> None:
                     by = [PAUSE_S * speed for speed in obstacle.get("velocity_mps", (0, 0))]
                     corners = obstacle["corners_m"]
                     obstacle["corners_m"] = [[x + by[0], y + by[1]] for x, y in corners]
-    except (coxswain.GoalError, coxswain.ObstaclesError, OSError, ValueError) as error:
+    except (coxswain.RequestError, OSError, ValueError) as error:
         sys.exit(f"obstacles.py: {error}")
 
 

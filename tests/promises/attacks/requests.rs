@@ -10,7 +10,7 @@ use network::requests::{RequestError, Requester};
 use promises::oracle::{Limits, acquit};
 use promises::{
     Hosts, Launched, Message, Outcome, Record, Screen, binaries, graph_with, launch_command,
-    signal, wait_until,
+    python, repository, signal, text_of, wait_until,
 };
 use protocol::message::Participant;
 use rustix::process::Signal;
@@ -350,6 +350,41 @@ fn a_flood_of_goals_delays_no_stop() -> Outcome {
     let record = reached.end()?;
     let stops = gates(&record).iter().filter(|gate| *gate == "stopped").count();
     assert_eq!(stops, 5);
+    Ok(())
+}
+
+#[test]
+fn a_program_in_python_gives_goals_orders_and_lists_over_the_network() -> Outcome {
+    let reached = Reached::new()?;
+    let mut script = Command::new(python()?);
+    script.arg("-B").arg(repository().join("tests/python/over_network.py"));
+    script.arg(reached.endpoint.trim_start_matches("tls/")).arg(reached.certificates.folder());
+    script.env("PYTHONPATH", repository().join("deploy/clients/python"));
+    let found: serde_json::Value = serde_json::from_str(&text_of(&mut script)?)?;
+    let expected = serde_json::json!({
+        "pose": 1,
+        "absurd": "syntax",
+        "stop": true,
+        "goal of a stopped robot": "gate",
+        "resume": true,
+        "resume again": "gate",
+        "hold": 4,
+        "late velocity": "out-of-date",
+        "progress": true,
+        "stop of a planner": true,
+        "hold of a planner": 6,
+        "bad list": true,
+        "list of an operator": true,
+        "watcher": true,
+        "nobody there": true,
+    });
+    assert_eq!(found, expected);
+    thread::sleep(Duration::from_millis(500));
+    let record = reached.end()?;
+    let gates = gates(&record);
+    assert!(gates.ends_with(&["stopped".into(), "armed".into(), "driving".into()]), "{gates:?}");
+    let sources: Vec<&str> = record.of("obstacles").map(|list| list.word("source")).collect();
+    assert_eq!(sources, ["planner"]);
     Ok(())
 }
 

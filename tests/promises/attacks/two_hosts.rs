@@ -1,5 +1,5 @@
-//! Requests to a robot whose plant and controller have hosts of their own: a goal goes to the one, a
-//! stop to the other, from a third machine.
+//! Requests to a robot whose plant and controller have hosts of their own, from a third machine: a
+//! goal goes to the host of the controller, a stop to that of the plant.
 
 use super::requests::{free_port, gates};
 use super::session::{Certificates, Failure};

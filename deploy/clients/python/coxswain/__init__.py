@@ -14,16 +14,19 @@
 The driver keeps the duties of protocol/WIRE.md: it publishes states, checks commands, plays the
 stored trajectory, brakes, and reports its health.
 
-`Goals` sends a robot to poses, and `Obstacles` tells what is in its way, from the machine of its
-launch (goals.py, obstacles.py).
+`Goals` sends a robot to poses, `Orders` stops it, and `Obstacles` tells what is in its way, from
+the machine of its launch or from another one (goals.py, orders.py, obstacles.py).
 """
 
 from .base import Base, Sensors
 from .driver import Driver, arguments, main
 from .gate import Gate, Limits
-from .goals import GoalError, Goals, Launch, running_launch, running_launches
-from .obstacles import Obstacles, ObstaclesError
+from .goals import Goals
+from .launches import Launch, running_launch, running_launches
+from .obstacles import Obstacles
+from .orders import Orders
 from .protection import Obstacle
+from .requests import RequestError
 from .shape import Shape
 from .wire import Vector
 
@@ -31,13 +34,13 @@ __all__ = [
     "Base",
     "Driver",
     "Gate",
-    "GoalError",
     "Goals",
     "Launch",
     "Limits",
     "Obstacle",
     "Obstacles",
-    "ObstaclesError",
+    "Orders",
+    "RequestError",
     "Sensors",
     "Shape",
     "Vector",

@@ -25,8 +25,8 @@ PRIORITIES = {
 RECEIVED = ("command", "credit")
 
 
-def configuration(endpoint: str, certificates: Path | None) -> zenoh.Config:
-    """A client of the bridge at `endpoint`; with `certificates` over TLS alone."""
+def configuration(endpoint: str, folder: Path | None) -> zenoh.Config:
+    """A client of `endpoint`; with the `folder` of a certificate over TLS alone."""
     config = zenoh.Config()
     settings = {
         "mode": "client",
@@ -36,8 +36,7 @@ def configuration(endpoint: str, certificates: Path | None) -> zenoh.Config:
         # The bridge accepts a restarted driver after this silence of the one before it [ms].
         "transport/link/tx/lease": 2000,
     }
-    if certificates:
-        folder = certificates / "driver"
+    if folder:
         settings["transport/link/protocols"] = ["tls"]
         settings["transport/link/tls"] = {
             "root_ca_certificate": str(folder / "authority.pem"),

@@ -415,7 +415,9 @@ def main(
         print(f"{program}: --map {options.map}: not a map file: {error}", file=sys.stderr)
         return 2
     try:
-        config = configuration(options.connect, options.certificates)
+        certificates: Path | None = options.certificates
+        folder = certificates / "driver" if certificates else None
+        config = configuration(options.connect, folder)
         ends = (options.graph, options.host, options.to)
         connection = Connection(config, *ends, wait=options.pace == "lock-step")
     except zenoh.ZError as error:

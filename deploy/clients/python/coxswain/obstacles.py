@@ -1,6 +1,7 @@
-"""Lists of obstacles for a robot on this machine.
+"""Lists of obstacles for the gate of a robot.
 
-Its plant takes them from a socket: one line of JSON for each list, and one for the reply. The page
+On its machine the plant takes them from a socket: one line of JSON for each list, and one for the
+reply. From another machine they are requests of a planner (requests.py). The page
 docs/how-to/keep-clear-of-obstacles.md explains them.
 
     disc = {"corners_m": [[2.0, 0.5]], "radius_m": 0.3, "velocity_mps": [0.0, 0.0]}
@@ -13,13 +14,10 @@ import socket
 from pathlib import Path
 from typing import Any, Self
 
-from .goals import Launch
+from .launches import Launch
+from .requests import Network, RequestError, applied
 
 REPLY_S = 5.0  # longest wait for the reply of the plant
-
-
-class ObstaclesError(Exception):
-    """A list does not act."""
 
 
 class Obstacles:
@@ -29,12 +27,25 @@ class Obstacles:
     slows down, also if the program has ended.
     """
 
-    def __init__(self, launch: Launch | None = None, *, socket_file: Path | None = None) -> None:
-        """To the plant of a launch, or to a driver with this socket (its option `--lists`)."""
-        if (launch is None) == (socket_file is None):
-            raise TypeError("expected a launch or a socket")
-        self.path = str(socket_file if launch is None else launch.links / "lists")
-        self.stream: socket.socket | None = None
+    def __init__(
+        self,
+        launch: Launch | None = None,
+        *,
+        socket_file: Path | None = None,
+        at: str | None = None,
+        certificates: Path | None = None,
+    ) -> None:
+        """To the plant of a launch on this machine, to a driver with this socket (its option
+        `--lists`), or with the certificate of a planner to the plant's host `at` host and port.
+        Raises RequestError.
+        """
+        if [launch, socket_file, at].count(None) != 2 or (at is None) != (certificates is None):
+            raise TypeError("expected a launch, a socket, or an address with certificates")
+        self.way: Socket | Network
+        if at and certificates:
+            self.way = Network(at, certificates, ("planner",))
+        else:
+            self.way = Socket(socket_file or (launch.links / "lists" if launch else Path()))
 
     def __enter__(self) -> Self:
         return self
@@ -44,28 +55,41 @@ class Obstacles:
 
     def close(self) -> None:
         """Closes the connection. The last list acts until it is too old."""
-        if self.stream is not None:
-            self.stream.close()
-            self.stream = None
+        self.way.close()
 
     def send(self, planned: dict[str, Any]) -> None:
-        """Sends a list, and waits until the plant has accepted it.
+        """Sends a list, and waits until the plant has accepted it. Raises RequestError.
 
         A list has `valid_s`, perhaps `age_s` [s], and `obstacles`: each has `corners_m` [m], and
         perhaps `radius_m` [m] and `velocity_mps` [m/s].
         """
-        line = json.dumps(planned).encode() + b"\n"
+        applied(self.way.ask("plant", json.dumps(planned)), "plant")
+
+
+class Socket:
+    """The socket of a plant or a driver. It connects when it needs to."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = str(path)
+        self.stream: socket.socket | None = None
+
+    def close(self) -> None:
+        """Closes the connection."""
+        if self.stream is not None:
+            self.stream.close()
+            self.stream = None
+
+    def ask(self, process: str, text: str) -> dict[str, Any]:
+        """Sends a line, and waits for the reply. Raises RequestError."""
         was_open = self.stream is not None
         try:
-            reply = self._exchange(line)
+            return self._exchange(text.encode() + b"\n")
         except OSError as error:
             self.close()
             if not was_open:
-                raise ObstaclesError(f"no plant accepts lists at {self.path}: {error}") from error
-            return self.send(planned)  # the plant was restarted
-        if reply["outcome"] != "accepted":
-            raise ObstaclesError(f"rejected by the plant: {reply['reason']}")
-        return None
+                text = f"no {process} accepts lists at {self.path}: {error}"
+                raise RequestError(text) from error
+            return self.ask(process, text)  # the plant was restarted
 
     def _exchange(self, line: bytes) -> dict[str, Any]:
         if self.stream is None:

@@ -16,7 +16,7 @@ from coxswain import (
     Limits,
     Obstacle,
     Obstacles,
-    ObstaclesError,
+    RequestError,
     Sensors,
     Shape,
     Vector,
@@ -111,7 +111,7 @@ class Socket(unittest.TestCase):
     def test_a_bad_list_is_rejected_and_the_connection_stays(self) -> None:
         with self.planners() as planners, Obstacles(socket_file=planners.path) as obstacles:
             for bad in (listed(1e9), listed(1.0, -1.0), {}):
-                with self.assertRaises(ObstaclesError):
+                with self.assertRaises(RequestError):
                     obstacles.send(bad)
             self.assertIsNone(planners.due())
             obstacles.send(listed(1.0))
@@ -129,7 +129,7 @@ class Socket(unittest.TestCase):
     def test_in_lock_step_no_list_is_accepted(self) -> None:
         with self.planners(lock_step=True) as planners:
             with Obstacles(socket_file=planners.path) as obstacles:
-                with self.assertRaises(ObstaclesError):
+                with self.assertRaises(RequestError):
                     obstacles.send(listed(1.0))
 
     def test_only_its_user_can_open_the_socket_and_a_dead_one_is_replaced(self) -> None:
@@ -150,7 +150,7 @@ class Socket(unittest.TestCase):
             ]
             for one in many:
                 one.send(listed(1.0))
-            with self.assertRaises(ObstaclesError), Obstacles(socket_file=planners.path) as ninth:
+            with self.assertRaises(RequestError), Obstacles(socket_file=planners.path) as ninth:
                 ninth.send(listed(1.0))
 
 
