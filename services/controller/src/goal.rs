@@ -20,7 +20,7 @@ use model::delay::DELAY_MAX;
 use model::{Pose, Velocity, wrap};
 use motion::limits::Stated;
 use motion::{
-    Heading, Limits, Moment, Motion, MotionError, Waypoint, along, to_standstill, with_velocity,
+    Heading, Limits, Moment, Motion, MotionError, Path, Waypoint, to_standstill, with_velocity,
 };
 use process::requests::GOAL_MARK;
 use protocol::message::{
@@ -56,7 +56,7 @@ pub enum Demand {
         /// x, y, yaw in the world \[m, m, rad\].
         to: [f64; 3],
     },
-    /// Drive along a path, from standing.
+    /// Drive along a path.
     Path {
         /// The points.
         points: Vec<Waypoint>,
@@ -391,10 +391,7 @@ fn motions(
             vec![with_velocity(begin, *velocity, *valid_s, limits)?]
         }
         Demand::Path { points, heading } => {
-            let stop = to_standstill(begin, limits)?;
-            let from = stop.at(stop.duration_s()).pose;
-            let path = along(from, points, *heading, limits, |pose| clear.speed_at(pose))?;
-            vec![stop, path]
+            clear.along(begin, Path { points, heading: *heading }, limits)?
         }
     })
 }

@@ -4,6 +4,7 @@
 //! points of a uniform cubic B-spline: twice continuously differentiable, through the first and the
 //! last point, and at most h/3 beside the polyline (de Boor, A Practical Guide to Splines, 1978).
 
+use crate::entry::Entry;
 use crate::{MotionError, PATH_LENGTH_MAX_M, PATH_LENGTH_MIN_M, PLACE_MAX, POINTS_MAX};
 use robot::AXES;
 use serde::{Deserialize, Serialize};
@@ -56,8 +57,17 @@ pub enum Heading {
     Given,
 }
 
+/// Points, and the heading between them.
+#[derive(Debug, Clone, Copy)]
+pub struct Path<'a> {
+    /// The points.
+    pub points: &'a [Waypoint],
+    /// Heading on the way.
+    pub heading: Heading,
+}
+
 /// Place on a curve with its derivatives by the curve's parameter, which counts samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Place {
     pub(crate) pose: [f64; AXES],
     pub(crate) first: [f64; AXES],
@@ -67,21 +77,25 @@ pub(crate) struct Place {
 /// A curve of poses.
 #[derive(Debug, Clone)]
 pub(crate) struct Curve {
+    /// Before the first sample, if the robot joins the path from a motion.
+    entry: Option<Entry>,
     /// One before the first sample to one behind the last.
     control: Vec<[f64; AXES]>,
-    /// Largest speed from each sample to the next, by the points \[m/s\].
+    /// Largest speed from each sample to the next, by the points \[m/s\]. An entry has that of the
+    /// first sample.
     speeds: Vec<f64>,
+    /// Distance of two samples along the polyline \[m\].
+    sample_m: f64,
 }
 
 impl Curve {
-    /// The curve from the pose `from` through `points`.
+    /// The curve from the pose `from` through the points of a path.
     ///
     /// # Errors
     /// [`MotionError`] if the points are no path.
     pub(crate) fn through(
         from: [f64; AXES],
-        points: &[Waypoint],
-        heading: Heading,
+        Path { points, heading }: Path<'_>,
     ) -> Result<Self, MotionError> {
         check(points, heading)?;
         let line = line(from, points);
@@ -123,23 +137,44 @@ impl Curve {
             [a.position[0] + share * way[0], a.position[1] + share * way[1], yaw_before]
         });
         let control = control.collect();
-        Ok(Self { speeds, ..Self::with_ends(control) })
+        Ok(Self { entry: None, control: with_ends(control), speeds, sample_m: step })
     }
 
-    /// The spline of these samples, through the first and the last one.
-    fn with_ends(mut control: Vec<[f64; AXES]>) -> Self {
-        let beyond = |end: [f64; AXES], inner: [f64; AXES]| {
-            std::array::from_fn(|axis| 2.0 * end[axis] - inner[axis])
-        };
-        let count = control.len();
-        if let (Some(&[first, second]), Some(&[before, last])) =
-            (control.first_chunk::<2>(), control.last_chunk::<2>())
-        {
-            control.insert(0, beyond(first, second));
-            control.push(beyond(last, before));
-            debug_assert_eq!(control.len(), count + 2);
+    /// The same from the sample `sample` on, with `entry` in place of what is before it.
+    pub(crate) fn joined(&self, sample: usize, entry: Entry) -> Self {
+        let mut joined = self.from(sample);
+        // Also as slow as the points that are left out demand.
+        let left_out = self.speeds.iter().take(sample + 1).copied().fold(f64::INFINITY, f64::min);
+        joined.speeds.splice(0..0, vec![left_out; entry.length() as usize]);
+        joined.entry = Some(entry);
+        joined
+    }
+
+    fn from(&self, sample: usize) -> Self {
+        let rest = |values: &[f64]| values.get(sample..).unwrap_or_default().to_vec();
+        Self {
+            entry: None,
+            control: self.control.get(sample..).unwrap_or_default().to_vec(),
+            speeds: rest(&self.speeds),
+            sample_m: self.sample_m,
         }
-        Self { control, speeds: Vec::new() }
+    }
+
+    /// The same up to the sample `sample`.
+    pub(crate) fn until(&self, sample: usize) -> Self {
+        let mut until = self.clone();
+        until.control.truncate(sample + 3);
+        until
+    }
+
+    /// Distance of two samples along the polyline \[m\].
+    pub(crate) fn sample_m(&self) -> f64 {
+        self.sample_m
+    }
+
+    /// Length of the entry in samples; 0 without one.
+    pub(crate) fn entry_length(&self) -> f64 {
+        self.entry.as_ref().map_or(0.0, Entry::length)
     }
 
     /// Largest speed between the samples around `parameter`, by the points \[m/s\].
@@ -149,11 +184,21 @@ impl Curve {
 
     /// Largest parameter.
     pub(crate) fn end(&self) -> f64 {
-        self.control.len().saturating_sub(3) as f64
+        self.entry_length() + self.control.len().saturating_sub(3) as f64
+    }
+
+    /// Length of the third derivative of the position on an entry; 0 behind it.
+    pub(crate) fn third_at(&self, parameter: f64) -> f64 {
+        let entry = self.entry.as_ref().filter(|entry| parameter < entry.length());
+        entry.map_or(0.0, |entry| entry.third_at(parameter))
     }
 
     /// The place at `parameter`, from 0 to [`end`](Self::end).
     pub(crate) fn at(&self, parameter: f64) -> Place {
+        if let Some(entry) = self.entry.as_ref().filter(|entry| parameter < entry.length()) {
+            return entry.at(parameter.max(0.0));
+        }
+        let parameter = parameter - self.entry_length();
         let last = self.control.len().saturating_sub(4);
         let span = (parameter.max(0.0) as usize).min(last);
         let t = parameter - span as f64;
@@ -179,6 +224,20 @@ impl Curve {
         };
         Place { pose: sum(value), first: sum(first), second: sum(second) }
     }
+}
+
+/// The control points of the spline through the first and the last of these samples.
+fn with_ends(mut control: Vec<[f64; AXES]>) -> Vec<[f64; AXES]> {
+    let beyond = |end: [f64; AXES], inner: [f64; AXES]| {
+        std::array::from_fn(|axis| 2.0 * end[axis] - inner[axis])
+    };
+    if let (Some(&[first, second]), Some(&[before, last])) =
+        (control.first_chunk::<2>(), control.last_chunk::<2>())
+    {
+        control.insert(0, beyond(first, second));
+        control.push(beyond(last, before));
+    }
+    control
 }
 
 /// The line from `from` through `points`, without points that are where the last one is.

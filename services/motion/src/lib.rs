@@ -6,6 +6,9 @@
 //! | `profile`   | to a pose, to a velocity, to a standstill: jerk-limited (Ruckig)           |
 //! | `curve`     | points → a smooth curve with headings                                     |
 //! | `timing`    | a curve → the fastest motion along it within the limits                   |
+//! | `time_law`  | place along a curve at each time, averaged: limited jerk                   |
+//! | `entry`     | the present motion → a curve that joins a path                            |
+//! | `join`      | the present motion → a path, without a stop                               |
 //! | `route`     | obstacles → a way around them, as points (A*)                             |
 //!
 //! Poses are in the world (x, y, yaw) \[m, m, rad\], yaw is not wrapped. Velocities and
@@ -22,12 +25,16 @@
 //! ```
 
 mod curve;
+mod entry;
+mod join;
 pub mod limits;
 mod profile;
 mod route;
+mod time_law;
 mod timing;
 
-pub use curve::{Heading, Waypoint};
+pub use curve::{Heading, Path, Waypoint};
+pub use join::along_in_motion;
 pub use limits::Limits;
 pub use profile::{to_pose, to_standstill, with_velocity};
 pub use route::{Ground, route};
@@ -84,7 +91,7 @@ pub struct Motion {
 enum Course {
     Profile(Box<profile::Profile>),
     Body(profile::BodyMotion),
-    Path(timing::TimedCurve),
+    Path(Box<timing::TimedCurve>),
 }
 
 impl Motion {

@@ -5,57 +5,58 @@
 //! from which the robot can still stop. A pass forwards accelerates as much as that allows (Pham
 //! and Pham, TOPP-RA, IEEE Transactions on Robotics 34, 2018). The limits hold at the places of a
 //! grid. Between them, near a reversal, an acceleration can be some percent higher.
+//!
+//! The motion is averaged over a time T, which limits the jerk along the path ([`TimeLaw`]). The
+//! mean would be faster than the slowest place allows, so each x is held for T/2 before and behind
+//! its place. The jerk across a path follows from its curve and is not limited.
 
-use crate::curve::{Curve, Heading, Place, Waypoint};
+use crate::curve::{Curve, Path, Place};
+use crate::entry::Begin;
+use crate::time_law::{Start, TimeLaw};
 use crate::{Course, Limits, Moment, Motion, MotionError};
 use robot::AXES;
 
 /// Largest distance of a path's first point from the robot \[m\].
-const START_MAX_M: f64 = 1.0;
+pub(crate) const START_MAX_M: f64 = 1.0;
 /// Grid points per sample of the curve.
-const GRID: usize = 10;
+pub(crate) const GRID: usize = 10;
 /// Bisections of one largest x.
 const BISECTIONS: usize = 50;
 /// Share of the acceleration that is available along the path, and across it: together they are at
 /// most the whole one.
-const SHARE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+pub(crate) const SHARE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Excess of a speed at the begin that counts as none: that of rounding.
+const ROUNDING: f64 = 1e-6;
+/// Part of the acceleration along the path with which a robot that is too fast brakes.
+const BRAKING: f64 = 0.7;
 
-/// A curve with a time at each place of its grid.
+/// A curve with the place of the robot at each time.
 #[derive(Debug, Clone)]
 pub(crate) struct TimedCurve {
     curve: Curve,
-    /// Distance of two grid points, in the curve's parameter.
-    step: f64,
-    /// x at each grid point.
-    speeds: Vec<f64>,
-    /// Time at each grid point \[s\].
-    times: Vec<f64>,
+    law: TimeLaw,
 }
 
-/// The fastest motion from standing at `from` through `points`, to a standstill at the last one.
+/// The fastest motion from standing at `from` along `path`, to a standstill at its last point.
 /// `speed_at` is the largest speed at a pose \[m/s\], beside that of the points and `limits`.
 ///
 /// # Errors
 /// [`MotionError`] if the points are no path, or begin elsewhere.
 pub fn along(
     from: [f64; AXES],
-    points: &[Waypoint],
-    heading: Heading,
+    path: Path<'_>,
     limits: &Limits,
     speed_at: impl Fn(&[f64; AXES]) -> f64,
 ) -> Result<Motion, MotionError> {
-    let curve = Curve::through(from, points, heading)?;
-    let first = points.first().map_or([from[0], from[1]], |point| point.position);
+    let curve = Curve::through(from, path)?;
+    let first = path.points.first().map_or([from[0], from[1]], |point| point.position);
     let distance_m = (first[0] - from[0]).hypot(first[1] - from[1]);
     if distance_m > START_MAX_M {
         return Err(MotionError::StartsElsewhere { distance_m, most_m: START_MAX_M });
     }
-    let timed = TimedCurve::new(curve, limits, speed_at);
-    let duration_s = timed.times.last().copied().unwrap_or(0.0);
-    if !duration_s.is_finite() {
-        return Err(MotionError::NotFound { reason: "the path cannot be driven".into() });
-    }
-    Ok(Motion { course: Course::Path(timed), duration_s })
+    TimedCurve::new(curve, None, limits, speed_at, GRID)
+        .map(TimedCurve::motion)
+        .ok_or_else(|| MotionError::NotFound { reason: "the path cannot be driven".into() })
 }
 
 /// (a, b, c) of |a u + b x| ≤ c: along the path, across it, and for the heading.
@@ -70,17 +71,30 @@ struct Stage {
 }
 
 impl Stage {
-    /// `speed_max` is the largest planar speed in it \[m/s\].
-    fn new(begin: &Place, end: &Place, step: f64, limits: &Limits, speed_max: f64) -> Self {
+    /// `shares` of the acceleration are available along and across.
+    fn new([begin, end]: [&Place; 2], step: f64, limits: &Limits, shares: [f64; 2]) -> Self {
         let unit = Moment { pose: begin.pose, velocity: begin.first, ..Moment::default() };
-        let (speed, planar) = (limits.speed_use(&unit), begin.first[0].hypot(begin.first[1]));
-        let by_limits = if speed > 0.0 { speed.powi(-2) } else { f64::MAX };
+        let speed = limits.speed_use(&unit);
         // x at the end is x + 2 step u.
-        let at_end = rows(end, limits).map(|(a, b, c)| (a + 2.0 * step * b, b, c));
+        let at_end = rows(end, limits, shares).map(|(a, b, c)| (a + 2.0 * step * b, b, c));
         Self {
-            x_max: by_limits.min((speed_max / planar).powi(2)),
-            rows: [rows(begin, limits), at_end],
+            x_max: if speed > 0.0 { speed.powi(-2) } else { f64::MAX },
+            rows: [rows(begin, limits, shares), at_end],
         }
+    }
+
+    /// Largest x with which u can be 0, by the acceleration across and that of the heading.
+    fn steady(&self) -> f64 {
+        let [[_, across, heading], _] = &self.rows;
+        [across, heading].into_iter().fold(f64::INFINITY, |least, (_, b, c)| least.min(c / b.abs()))
+    }
+
+    /// Whether u and x are allowed, beside what the begin of a motion has anyway.
+    fn allows(&self, x: f64, u: f64) -> bool {
+        let [begin, _] = &self.rows;
+        let within =
+            |(a, b, c): &(f64, f64, f64)| (a * u + b * x).abs() <= c.max(1.05 * (a * u).abs());
+        x <= self.x_max * (1.0 + ROUNDING) && begin.iter().all(within)
     }
 
     /// Range of u at x; empty if x is too large.
@@ -123,7 +137,7 @@ impl Stage {
     }
 }
 
-fn rows(place: &Place, limits: &Limits) -> Rows {
+fn rows(place: &Place, limits: &Limits, shares: [f64; 2]) -> Rows {
     let ([x, y, yaw], [ddx, ddy, ddyaw]) = (place.first, place.second);
     let length = x.hypot(y);
     let (along, across) = if length > 0.0 {
@@ -131,66 +145,69 @@ fn rows(place: &Place, limits: &Limits) -> Rows {
     } else {
         (ddx.hypot(ddy), 0.0)
     };
-    let acceleration = SHARE * limits.acceleration_mps2;
+    let [most_along, most_across] = shares.map(|share| share * limits.acceleration_mps2);
     [
-        (length, along, acceleration),
-        (0.0, across, acceleration),
+        (length, along, most_along),
+        (0.0, across, most_across),
         (yaw, ddyaw, limits.yaw_acceleration_radps2),
     ]
 }
 
 impl TimedCurve {
-    fn new(curve: Curve, limits: &Limits, speed_at: impl Fn(&[f64; AXES]) -> f64) -> Self {
-        let intervals = (curve.end() as usize * GRID).max(1);
+    /// The motion along `curve`, from `begin` or from standing, on a grid of `grid` points per
+    /// sample. None if there is no such motion: the begin may be too fast for what follows.
+    pub(crate) fn new(
+        curve: Curve,
+        begin: Option<&Begin>,
+        limits: &Limits,
+        speed_at: impl Fn(&[f64; AXES]) -> f64,
+        grid: usize,
+    ) -> Option<Self> {
+        let intervals = (curve.end() as usize * grid).max(1);
         let step = curve.end() / intervals as f64;
-        let places: Vec<Place> =
-            (0..=intervals).map(|index| curve.at(step * index as f64)).collect();
-        // At the samples: between two of them the lower speed counts.
-        let speeds_at: Vec<f64> =
-            places.iter().step_by(GRID).map(|place| speed_at(&place.pose)).collect();
-        let speed_max = |index: usize| {
-            let around = speeds_at.iter().skip(index / GRID).take(2);
-            around.copied().fold(curve.speed_max(step * index as f64), f64::min)
-        };
-        let stages: Vec<Stage> = places
-            .windows(2)
-            .enumerate()
-            .map(|(index, pair)| Stage::new(&pair[0], &pair[1], step, limits, speed_max(index)))
-            .collect();
-        // Backwards, to a standstill at the end.
-        let mut speeds = vec![0.0; intervals + 1];
-        for index in (0..intervals).rev() {
-            speeds[index] = stages[index].controllable(speeds[index + 1], step);
+        let (speed, rate) = begin.map_or((0.0, 0.0), |begin| (begin.speed, begin.rate));
+        let start = Start::averaged(speed, rate, window_s(limits))?;
+        let grid = Grid { curve: &curve, begin, step, per_sample: grid };
+        let first = grid.first(&start);
+        let x = |index: usize| start.square_at(step * index as f64);
+        let stages = grid.stages(&start, limits, speed_at);
+        // Before its first grid point the motion is what it is.
+        let is_within =
+            |index| stages.get(index).is_some_and(|stage: &Stage| stage.allows(x(index), rate));
+        if x(first) < 0.0 || first >= intervals || !(1..first).all(is_within) {
+            return None;
         }
-        // Forwards, from a standstill.
-        speeds[0] = 0.0;
-        for index in 0..intervals {
-            let (_, fastest) = stages[index].accelerations(speeds[index]);
+        let stages = stages.get(first..)?;
+        // Backwards, to a standstill at the end.
+        let mut speeds = vec![0.0; stages.len() + 1];
+        for (index, stage) in stages.iter().enumerate().rev() {
+            speeds[index] = stage.controllable(speeds[index + 1], step);
+        }
+        if x(first) > speeds[0] * (1.0 + ROUNDING) {
+            return None;
+        }
+        // Forwards, from the begin.
+        speeds[0] = x(first);
+        for (index, stage) in stages.iter().enumerate() {
+            let (_, fastest) = stage.accelerations(speeds[index]);
             let reached = speeds[index] + 2.0 * step * fastest;
             speeds[index + 1] = speeds[index + 1].min(reached.max(0.0));
         }
-        let mut time = 0.0;
-        let times = std::iter::once(0.0)
-            .chain(speeds.windows(2).map(|pair| {
-                time += 2.0 * step / (pair[0].sqrt() + pair[1].sqrt());
-                time
-            }))
-            .collect();
-        Self { curve, step, speeds, times }
+        let law = TimeLaw::new(start, step, first, &speeds);
+        law.duration_s().is_finite().then_some(Self { curve, law })
+    }
+
+    pub(crate) fn duration_s(&self) -> f64 {
+        self.law.duration_s()
+    }
+
+    pub(crate) fn motion(self) -> Motion {
+        Motion { duration_s: self.duration_s(), course: Course::Path(Box::new(self)) }
     }
 
     pub(crate) fn at(&self, time: f64) -> Moment {
-        let index = self.times.partition_point(|&at| at <= time).saturating_sub(1);
-        let entry = |values: &[f64], index: usize| {
-            values.get(index).or(values.last()).copied().unwrap_or(0.0)
-        };
-        let (begin, from, to) =
-            (entry(&self.times, index), entry(&self.speeds, index), entry(&self.speeds, index + 1));
-        let rate = (to - from) / (2.0 * self.step);
-        let since = time - begin;
-        let speed = (from.sqrt() + rate * since).max(0.0);
-        let moved = since * (from.sqrt() + 0.5 * rate * since);
-        let place = self.curve.at((self.step * index as f64 + moved).min(self.curve.end()));
+        let [parameter, speed, rate] = self.law.at(time);
+        let place = self.curve.at(parameter.min(self.curve.end()));
         Moment {
             pose: place.pose,
             velocity: place.first.map(|first| first * speed),
@@ -201,146 +218,112 @@ impl TimedCurve {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-    use std::f64::consts::{FRAC_PI_2, TAU};
+/// Time over which a motion is averaged \[s\]: from the largest acceleration along the path to the
+/// largest deceleration, with the largest jerk.
+fn window_s(limits: &Limits) -> f64 {
+    2.0 * SHARE * limits.acceleration_mps2 / limits.jerk_mps3
+}
 
-    fn limits() -> Limits {
-        Limits::of(&robot::Robot::example())
+/// The places of a curve at which its limits hold.
+struct Grid<'a> {
+    curve: &'a Curve,
+    begin: Option<&'a Begin>,
+    /// Distance of two grid points, in the curve's parameter.
+    step: f64,
+    per_sample: usize,
+}
+
+impl Grid<'_> {
+    fn parameter(&self, index: usize) -> f64 {
+        self.step * index as f64
     }
 
-    fn waypoints(points: &[[f64; 2]]) -> Vec<Waypoint> {
-        points.iter().copied().map(Waypoint::at).collect()
+    /// Number of the first grid point that a motion reaches.
+    fn first(&self, start: &Start) -> usize {
+        (start.at() / self.step).ceil() as usize
     }
 
-    /// Without a speed of a place.
-    fn along(
-        from: [f64; AXES],
-        points: &[Waypoint],
-        heading: Heading,
+    /// The limits of all intervals, for a motion that begins with `start`.
+    fn stages(
+        &self,
+        start: &Start,
         limits: &Limits,
-    ) -> Result<Motion, MotionError> {
-        super::along(from, points, heading, limits, |_| f64::INFINITY)
-    }
-
-    fn moments(motion: &Motion) -> Vec<Moment> {
-        (0..=2000).map(|i| motion.at(motion.duration_s() * f64::from(i) / 2000.0)).collect()
-    }
-
-    #[test]
-    fn a_straight_line_takes_the_time_of_the_trapezoid() -> Result<(), MotionError> {
-        let limits = limits();
-        let motion =
-            along([0.0; 3], &waypoints(&[[1.0, 0.0], [20.0, 0.0]]), Heading::Keep, &limits)?;
-        let (speed, acceleration) = (limits.speed_mps, SHARE * limits.acceleration_mps2);
-        let expected = 20.0 / speed + speed / acceleration;
-        assert!((motion.duration_s() / expected - 1.0).abs() < 0.01, "{}", motion.duration_s());
-        Ok(())
-    }
-
-    #[test]
-    fn a_circle_is_driven_with_its_largest_centripetal_acceleration() -> Result<(), MotionError> {
-        let (limits, radius) = (limits(), 1.0);
-        let points: Vec<[f64; 2]> = (1..=200)
-            .map(|i| (TAU * f64::from(i) / 100.0).sin_cos())
-            .map(|(sin, cos)| [radius * sin, radius * (1.0 - cos)])
-            .collect();
-        let motion = along([0.0; 3], &waypoints(&points), Heading::Keep, &limits)?;
-        let fastest = moments(&motion).into_iter().map(|m| m.velocity[0].hypot(m.velocity[1]));
-        let expected = (SHARE * limits.acceleration_mps2 * radius).sqrt();
-        let fastest = fastest.fold(0.0, f64::max);
-        assert!((fastest / expected - 1.0).abs() < 0.05, "{fastest}, expected {expected}");
-        Ok(())
-    }
-
-    #[test]
-    fn the_heading_is_kept_tangent_fixed_or_given() -> Result<(), MotionError> {
-        let corner = [[1.0, 0.0], [1.0, 2.0]];
-        let end = |heading, points: &[Waypoint]| -> Result<f64, MotionError> {
-            let motion = along([0.0; 3], points, heading, &limits())?;
-            Ok(motion.at(motion.duration_s()).pose[2])
+        speed_at: impl Fn(&[f64; AXES]) -> f64,
+    ) -> Vec<Stage> {
+        let &Self { curve, begin, step, per_sample } = self;
+        let (samples, window_s) = (curve.end() as usize, start.window_s());
+        let places: Vec<Place> =
+            (0..=samples * per_sample).map(|index| curve.at(self.parameter(index))).collect();
+        let shares = |index: usize| {
+            let done = self.parameter(index) / curve.entry_length();
+            begin.map_or([SHARE; 2], |begin| begin.shares(done, limits))
         };
-        let points = waypoints(&corner);
-        assert!(end(Heading::Keep, &points)?.abs() < 1e-9);
-        assert!((end(Heading::Tangent, &points)? - FRAC_PI_2).abs() < 1e-9);
-        assert!((end(Heading::FixedRad(-1.0), &points)? + 1.0).abs() < 1e-9);
-        let given: Vec<Waypoint> = points
+        let mut stages: Vec<Stage> = places
+            .windows(2)
+            .enumerate()
+            .map(|(index, pair)| Stage::new([&pair[0], &pair[1]], step, limits, shares(index)))
+            .collect();
+        // At the samples: between two of them the lower speed counts.
+        let speeds_at: Vec<f64> =
+            places.iter().step_by(per_sample).map(|place| speed_at(&place.pose)).collect();
+        let squared =
+            |speed: f64, place: &Place| (speed / place.first[0].hypot(place.first[1])).powi(2);
+        let by_limits: Vec<f64> = stages
             .iter()
-            .zip([Some(3.0), Some(-3.0)])
-            .map(|(point, yaw)| Waypoint { yaw, ..*point })
+            .zip(&places)
+            .enumerate()
+            .map(|(index, (stage, place))| {
+                stage.x_max.min(squared(curve.speed_max(self.parameter(index)), place))
+            })
             .collect();
-        assert!((end(Heading::Given, &given)? - (TAU - 3.0)).abs() < 1e-9, "by the shorter turn");
-        Ok(())
-    }
-
-    #[test]
-    fn points_and_places_lower_the_speed() -> Result<(), MotionError> {
-        let mut points = waypoints(&[[0.5, 0.0], [2.0, 0.0], [4.0, 0.0], [6.0, 0.0]]);
-        points[2].speed_mps = Some(0.2);
-        let in_zone = |pose: &[f64; AXES]| if pose[0] > 5.0 { 0.4 } else { f64::INFINITY };
-        let motion = super::along([0.0; 3], &points, Heading::Keep, &limits(), in_zone)?;
-        let fastest = |from: f64, to: f64| {
-            let moments = moments(&motion).into_iter();
-            let there = moments.filter(|moment| (from..to).contains(&moment.pose[0]));
-            there.map(|moment| moment.velocity[0]).fold(0.0, f64::max)
-        };
-        assert!(fastest(0.0, 1.9) > 0.5);
-        assert!((fastest(2.1, 3.9) - 0.2).abs() < 1e-3, "{}", fastest(2.1, 3.9));
-        assert!((fastest(5.0, 6.0) - 0.4).abs() < 1e-3, "{}", fastest(5.0, 6.0));
-        points[0].speed_mps = Some(0.0);
-        let refused = along([0.0; 3], &points, Heading::Keep, &limits()).err();
-        assert_eq!(refused, Some(MotionError::Speed { point: 1, speed_mps: 0.0 }));
-        Ok(())
-    }
-
-    #[test]
-    fn paths_that_cannot_be_driven_are_refused() {
-        let refused = |points: &[[f64; 2]]| {
-            along([0.0; 3], &waypoints(points), Heading::Keep, &limits()).err()
-        };
-        assert_eq!(refused(&[]), Some(MotionError::Points { points: 0 }));
-        let many = vec![[0.0, 0.0]; 10_001];
-        assert_eq!(refused(&many), Some(MotionError::Points { points: 10_001 }));
-        let bad = MotionError::NotFinite { what: "point 2".into() };
-        assert_eq!(refused(&[[0.0, 0.0], [f64::NAN, 1.0]]), Some(bad));
-        assert_eq!(refused(&[[0.0, 0.0]]), Some(MotionError::TooShort { length_m: 0.0 }));
-        let far = MotionError::StartsElsewhere { distance_m: 5.0, most_m: START_MAX_M };
-        assert_eq!(refused(&[[5.0, 0.0]]), Some(far));
-        let long = MotionError::TooLong { length_m: 3000.0 };
-        assert_eq!(refused(&[[1.0, 0.0], [3000.0, 0.0]]), Some(long));
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(150))]
-
-        #[test]
-        fn a_timed_path_stays_within_the_limits_and_near_its_points(
-            points in prop::collection::vec(prop::array::uniform2(-3.0..3.0_f64), 1..8),
-            yaws in prop::collection::vec(-3.0..3.0_f64, 8),
-            heading in prop::sample::select(vec![Heading::Keep, Heading::Tangent, Heading::Given]),
-        ) {
-            let limits = limits();
-            let points: Vec<Waypoint> = points
-                .iter()
-                .zip(yaws)
-                .map(|(&position, yaw)| Waypoint { yaw: Some(yaw), ..Waypoint::at(position) })
-                .collect();
-            let [x, y] = points[0].position;
-            let motion = along([x + 0.5, y, 0.3], &points, heading, &limits)
-                .map_err(|error| TestCaseError::fail(error.to_string()))?;
-            let moments = moments(&motion);
-            for moment in &moments {
-                prop_assert!(limits.speed_use(moment) < 1.02, "{moment:?}");
-                prop_assert!(limits.acceleration_use(moment) < 1.2, "{moment:?}");
-            }
-            for point in &points {
-                let near = moments.iter().map(|moment| {
-                    (moment.pose[0] - point.position[0]).hypot(moment.pose[1] - point.position[1])
-                });
-                prop_assert!(near.fold(f64::MAX, f64::min) < 0.05);
-            }
+        let by_limits = self.with_begin(held(&by_limits, step, window_s), start, limits);
+        let by_place: Vec<f64> = stages
+            .iter()
+            .zip(&places)
+            .zip(&by_limits)
+            .enumerate()
+            .map(|(index, ((stage, place), by_limits))| {
+                let around = speeds_at.iter().skip(index / per_sample).take(2);
+                let slowest = around.copied().fold(f64::INFINITY, f64::min);
+                let jerk = curve.third_at(self.parameter(index));
+                let by_jerk = (limits.jerk_mps3 / jerk).powf(2.0 / 3.0);
+                let x_max = stage.steady().min(squared(slowest, place)).min(by_jerk);
+                // A higher one does not count.
+                if x_max < *by_limits { x_max } else { f64::INFINITY }
+            })
+            .collect();
+        let by_place = held(&by_place, step, window_s);
+        for (stage, x_max) in stages.iter_mut().zip(by_limits.iter().zip(by_place)) {
+            stage.x_max = x_max.0.min(x_max.1);
         }
+        stages
+    }
+
+    /// `by_limits`, and from a begin that is faster down to it.
+    fn with_begin(&self, mut by_limits: Vec<f64>, start: &Start, limits: &Limits) -> Vec<f64> {
+        let braking = BRAKING * SHARE * limits.acceleration_mps2 / self.curve.sample_m();
+        let first = self.first(start);
+        let x = start.square_at(self.parameter(first)).max(start.square_at(0.0));
+        for (index, x_max) in by_limits.iter_mut().enumerate() {
+            let driven = self.parameter(index.saturating_sub(first));
+            *x_max = x_max.max(x - 2.0 * braking * driven);
+        }
+        by_limits
     }
 }
+
+/// Each of these x for half of `window_s` before and behind its place.
+fn held(x_max: &[f64], step: f64, window_s: f64) -> Vec<f64> {
+    let mut held = x_max.to_vec();
+    for (index, x) in x_max.iter().enumerate().filter(|(_, x)| x.is_finite()) {
+        let reach = (0.5 * window_s * x.sqrt() / step).min(x_max.len() as f64) as usize + 1;
+        let around = held.iter_mut().take(index + reach + 1);
+        for place in around.skip(index.saturating_sub(reach)) {
+            *place = place.min(*x);
+        }
+    }
+    held
+}
+
+#[cfg(test)]
+mod tests;

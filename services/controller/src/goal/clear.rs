@@ -2,10 +2,10 @@
 
 use model::Pose;
 use motion::{
-    Ground, Heading, Limits, Moment, Motion, MotionError, Waypoint, along, route, to_pose,
-    to_standstill,
+    Ground, Heading, Limits, Moment, Motion, MotionError, Path, Waypoint, along, along_in_motion,
+    route, to_pose, to_standstill,
 };
-use robot::{Footprint, Obstacle, Shape, Surroundings};
+use robot::{Footprint, Obstacle, Point, Shape, Surroundings};
 
 /// An obstacle that is slower counts as one that stands \[m/s\].
 const STANDS_MPS: f64 = 0.05;
@@ -53,24 +53,30 @@ impl Clear {
         Self { footprint, obstacles, fence: map.fence, zones: map.zones.clone() }
     }
 
-    /// The motions from `begin` to `to`: straight if that is allowed. Otherwise the robot stops, then
-    /// drives straight if it is allowed from there. Otherwise it drives around the obstacles and
-    /// slower in zones, and turns on the last part of the way.
+    /// The motions from `begin` to `to`: straight if that is allowed. Otherwise the robot drives
+    /// around the obstacles and slower in zones, and turns on the last part of the way. If it
+    /// cannot do that without a stop, it stops first. From there it drives straight if that is
+    /// allowed.
     pub(super) fn motions(
         &self,
         begin: &Moment,
-        to: [f64; 3],
+        to: Pose,
         limits: &Limits,
     ) -> Result<Vec<Motion>, MotionError> {
         let straight = to_pose(begin, to, limits)?;
         if self.allows(&straight) {
             return Ok(vec![straight]);
         }
-        let ground = self.ground();
-        let shape = self.footprint.shape();
-        let room = self.room(&shape, &to);
+        let room = self.room(&self.footprint.shape(), &to);
         if room < 0.0 {
             return Err(MotionError::GoalBlocked { room_m: 0.0, needed_m: -room });
+        }
+        let [x, y, _] = begin.pose;
+        if begin.velocity != [0.0; 3]
+            && let Ok(points) = self.way([x, y], to)
+            && let Some(motion) = self.without_stop(begin, turning_last(&points), limits)
+        {
+            return Ok(vec![motion]);
         }
         let stop = to_standstill(begin, limits)?;
         let from = stop.at(stop.duration_s()).pose;
@@ -78,14 +84,57 @@ impl Clear {
         if self.allows(&straight) {
             return Ok(vec![stop, straight]);
         }
-        let corners = route([from[0], from[1]], [to[0], to[1]], &ground)?;
-        let mut points = vec![Waypoint::at([from[0], from[1]])];
+        let points = self.way([from[0], from[1]], to)?;
+        self.from_stop(stop, turning_last(&points), limits)
+    }
+
+    /// The motions from `begin` along `path`: without a stop if that is possible.
+    pub(super) fn along(
+        &self,
+        begin: &Moment,
+        path: Path<'_>,
+        limits: &Limits,
+    ) -> Result<Vec<Motion>, MotionError> {
+        match self.without_stop(begin, path, limits) {
+            Some(motion) => Ok(vec![motion]),
+            None => self.from_stop(to_standstill(begin, limits)?, path, limits),
+        }
+    }
+
+    /// `stop`, and from its end along `path`.
+    fn from_stop(
+        &self,
+        stop: Motion,
+        path: Path<'_>,
+        limits: &Limits,
+    ) -> Result<Vec<Motion>, MotionError> {
+        let from = stop.at(stop.duration_s()).pose;
+        let path = along(from, path, limits, |pose| self.speed_at(pose))?;
+        Ok(vec![stop, path])
+    }
+
+    /// The points of a way around the obstacles, with the heading of the last one.
+    fn way(&self, from: Point, to: Pose) -> Result<Vec<Waypoint>, MotionError> {
+        let corners = route(from, [to[0], to[1]], &self.ground())?;
+        let mut points = vec![Waypoint::at(from)];
         points.extend(corners.into_iter().map(Waypoint::at));
         if let Some(last) = points.last_mut() {
             last.yaw = Some(to[2]);
         }
-        let path = along(from, &points, Heading::Given, limits, |pose| self.speed_at(pose))?;
-        Ok(vec![stop, path])
+        Ok(points)
+    }
+
+    /// The motion from `begin` onto `path` without a stop, if there is one. Where it leaves the
+    /// path it touches nothing.
+    fn without_stop(&self, begin: &Moment, path: Path<'_>, limits: &Limits) -> Option<Motion> {
+        let shape = self.footprint.shape().grown(self.footprint.clearance_m);
+        let is_clear = |pose: &Pose| self.is_open() || self.room(&shape, pose) >= 0.0;
+        along_in_motion(begin, path, limits, |pose| self.speed_at(pose), is_clear)
+    }
+
+    /// Whether there is nothing to keep clear of.
+    fn is_open(&self) -> bool {
+        self.obstacles.is_empty() && self.fence.is_none()
     }
 
     /// Largest speed of the robot at `pose`, by the zones \[m/s\].
@@ -114,11 +163,8 @@ impl Clear {
     }
 
     fn touches_nothing(&self, motion: &Motion) -> bool {
-        if self.obstacles.is_empty() && self.fence.is_none() {
-            return true;
-        }
         let shape = self.footprint.shape().grown(self.footprint.clearance_m);
-        checks(motion).all(|at_s| self.room(&shape, &motion.at(at_s).pose) >= 0.0)
+        self.is_open() || checks(motion).all(|at_s| self.room(&shape, &motion.at(at_s).pose) >= 0.0)
     }
 
     /// Whether the robot touches nothing at any of `poses`.
@@ -149,6 +195,11 @@ impl Clear {
             inner_m: 0.5 * length_m.min(width_m),
         }
     }
+}
+
+/// A path along which the robot turns to the heading of the last point from the point before it.
+fn turning_last(points: &[Waypoint]) -> Path<'_> {
+    Path { points, heading: Heading::Given }
 }
 
 #[cfg(test)]
@@ -185,6 +236,22 @@ mod tests {
         let last = motions.last().map(|motion| motion.at(motion.duration_s()).pose);
         let [x, y, yaw] = last.unwrap_or_default();
         assert!((x - 4.0).abs() < 1e-6 && y.abs() < 1e-6 && (yaw - 1.5).abs() < 1e-6);
+        Ok(())
+    }
+
+    #[test]
+    fn a_robot_that_moves_drives_around_an_obstacle_without_a_stop() -> Result<(), Box<dyn Error>> {
+        let limits = Limits::of(&Robot::example());
+        let clear = clear(&[([2.5, 0.1], 0.4)])?;
+        let begin = Moment { velocity: [1.0, 0.0, 0.2], ..Moment::default() };
+        let motions = clear.motions(&begin, [5.0, 0.0, 1.5], &limits)?;
+        assert!(motions.len() == 1 && !touches(&clear, &motions));
+        let driven = checks(&motions[0]).filter(|at_s| *at_s < motions[0].duration_s() - 0.6);
+        let slowest = driven.map(|at_s| {
+            let [x, y, _] = motions[0].at(at_s).velocity;
+            x.hypot(y)
+        });
+        assert!(slowest.fold(f64::MAX, f64::min) > 0.3);
         Ok(())
     }
 

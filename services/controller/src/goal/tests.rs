@@ -70,6 +70,39 @@ fn a_goal_continues_the_reference_without_a_jump_and_ends_at_rest() -> Outcome {
     Ok(())
 }
 
+/// Smallest speed of the reference until `before_end` ticks before its end \[m/s\].
+fn slowest(course: &Course, before_end: u64) -> f64 {
+    let ticks = course.goal.begins_at_tick..course.goal.ends_at_tick - before_end;
+    let speeds = ticks.map(|tick| course.reference.at(tick).velocity);
+    speeds.map(|[forward, left, _]| forward.hypot(left)).fold(f64::MAX, f64::min)
+}
+
+#[test]
+fn a_path_that_is_given_in_motion_is_driven_without_a_stop() -> Outcome {
+    for (first, heading) in [([0.6, 0.0], Heading::Keep), ([-0.1, 0.1], Heading::Tangent)] {
+        let points = [first, [2.0, 0.5], [4.0, 0.5]].map(Waypoint::at).to_vec();
+        let course = course(Demand::Path { points, heading }, &driving())?;
+        let slowest = slowest(&course, 30);
+        assert!(slowest > 0.3, "{first:?}: {slowest} m/s");
+    }
+    Ok(())
+}
+
+#[test]
+fn a_path_that_leads_back_or_through_a_slow_zone_begins_with_a_stop() -> Outcome {
+    let zone = Shape::hull(&[[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]], 0.0)?;
+    let slow = Surroundings { zones: vec![(zone, 0.2)], ..Surroundings::default() };
+    for (map, points) in
+        [(Surroundings::default(), [[0.0, 0.0], [-3.0, 0.0]]), (slow, [[0.6, 0.0], [3.0, 0.0]])]
+    {
+        let points = points.map(Waypoint::at).to_vec();
+        let request = GoalRequest::of(Demand::Path { points, heading: Heading::Keep });
+        let course = Course::new(&request, 1, &driving(), &Robot::example(), &map, PERIOD_S)?;
+        assert!(slowest(&course, 30) < 0.02, "{request:?}: {} m/s", slowest(&course, 30));
+    }
+    Ok(())
+}
+
 #[test]
 fn a_goal_keeps_the_speed_of_a_zone() -> Outcome {
     let (robot, limit) = (Robot::example(), 0.3);
