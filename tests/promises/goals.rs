@@ -119,6 +119,46 @@ fn a_goal_in_motion_takes_over_without_a_jump_and_the_robot_stands_at_it() -> Ou
 }
 
 #[test]
+fn a_path_that_is_given_while_another_one_is_driven_is_joined_without_a_stop() -> Outcome {
+    let launched = launch()?;
+    launched.wait_for_controller(1)?;
+    let speed = 0.6;
+    let follow = |name: &str, points: &[[f64; 2]]| -> Result<Child, Box<dyn Error>> {
+        let file = launched.home().join(name);
+        let lines = points.iter().map(|[x, y]| format!("{x},{y}\n"));
+        fs::write(&file, format!("x_m,y_m\n{}", lines.collect::<String>()))?;
+        let file = file.to_string_lossy().into_owned();
+        begin(&launched, &["follow", &file, "--speed", &speed.to_string()])
+    };
+    let mut first = follow("first.csv", &[[0.5, 0.0], [12.0, 0.0]])?;
+    launched.wait_until("motion", || {
+        status(&launched).is_ok_and(|status| fastest(&status).is_some_and(|is| is > 0.9 * speed))
+    })?;
+    let x = status(&launched)?["robot"]["pose"][0].as_f64().ok_or("no pose")?;
+    let mut second = follow("second.csv", &[[x + 0.2, 0.0], [x + 3.0, 1.0], [x + 5.0, 1.0]])?;
+    assert!(second.wait()?.success(), "the robot has not arrived");
+    assert_eq!(first.wait()?.code(), Some(1), "a later goal has taken its place");
+    let record = end(launched)?;
+
+    let changes = [(1, "active"), (1, "preempted"), (2, "active"), (2, "reached")];
+    assert_eq!(phases(&record), expected(&changes));
+    let tick = |phase: &str| {
+        let mut goals = record.of("goal").filter(|goal| goal.count("id") == 2);
+        goals.find(|goal| goal.word("phase") == phase).map(|goal| goal.stamp("tick"))
+    };
+    let (from, to) = (tick("active").ok_or("not active")?, tick("reached").ok_or("not there")?);
+    // The last two seconds are for the stop at the end.
+    let driven = record.of("truth").filter(|truth| (from..to - 100).contains(&truth.stamp("tick")));
+    let speeds = driven.map(|truth| truth.numbers("velocity")).map(|v| v[0].hypot(v[1]));
+    let slowest = speeds.fold(f64::MAX, f64::min);
+    writeln!(io::stdout(), "on the second path the robot drives {slowest:.2} m/s or faster")?;
+    assert!(slowest > 0.5 * speed, "{slowest} m/s");
+    let truth = record.of("truth").next_back().ok_or("no truth")?.numbers("pose");
+    assert!((truth[0] - x - 5.0).hypot(truth[1] - 1.0) < STANDS.0, "{truth:?}");
+    Ok(())
+}
+
+#[test]
 fn a_goal_waits_while_the_gate_is_stopped_and_goes_on_after_it() -> Outcome {
     let launched = launch()?;
     launched.wait_for_controller(1)?;
