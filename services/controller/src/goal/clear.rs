@@ -85,7 +85,7 @@ impl Clear {
             return Ok(vec![stop, straight]);
         }
         let points = self.way([from[0], from[1]], to)?;
-        self.from_stop(stop, turning_last(&points), limits)
+        self.after_stop(stop, turning_last(&points), limits)
     }
 
     /// The motions from `begin` along `path`: without a stop if that is possible.
@@ -97,12 +97,12 @@ impl Clear {
     ) -> Result<Vec<Motion>, MotionError> {
         match self.without_stop(begin, path, limits) {
             Some(motion) => Ok(vec![motion]),
-            None => self.from_stop(to_standstill(begin, limits)?, path, limits),
+            None => self.after_stop(to_standstill(begin, limits)?, path, limits),
         }
     }
 
     /// `stop`, and from its end along `path`.
-    fn from_stop(
+    fn after_stop(
         &self,
         stop: Motion,
         path: Path<'_>,
