@@ -41,6 +41,9 @@ def listed(x: float, valid: float = 0.5) -> dict[str, object]:
 
 
 class Vectors(unittest.TestCase):
+    def test_the_vectors_are_those_of_this_version(self) -> None:
+        self.assertEqual(VECTORS["version"], messages.VERSION)
+
     def test_robot_files_have_the_footprint_and_the_response_of_the_vectors(self) -> None:
         for case in VECTORS["robots"]:
             with self.subTest(case["file"]):
