@@ -137,7 +137,8 @@ fn another_dead_time_keeps_the_data_of_an_earlier_run() -> Result<(), Box<dyn Er
     let learnt = points(earlier.path(), None, 100, 0.05)?;
     let kept = *learnt.last().ok_or("nothing was learnt")?;
     let resume = Some(earlier.path().join("snapshot.bin"));
-    let later = points_of(later.path(), resume, 60, |tick| delayed(tick, 30, 0.1))?;
+    // Before the set is full, so that no sample has displaced an earlier one.
+    let later = points_of(later.path(), resume, 60, |tick| delayed(tick, 8, 0.1))?;
     assert!(later.iter().all(|&points| points >= kept), "{later:?} after {kept}");
     Ok(())
 }
