@@ -165,7 +165,7 @@ fn a_robot_in_python_keeps_its_map_and_the_lists_of_planners() -> Outcome {
     robot.arg("--map").arg(&map).arg("--lists").arg(&socket).args(["--duration", "600"]);
     let robot_file = slow_robot(launched.home())?;
     let mut robot = Reader::start(robot.args(["--robot", &robot_file]))?;
-    launched.wait_for_log("controller", "answering a plant", 1)?;
+    launched.wait_for_controller(1)?;
     let drive = || -> Outcome {
         let mut drive = Command::new(binaries()?.join("coxswain"));
         drive.args(["drive", "0.5", "0", "0", "--for", "60", "--no-wait"]);
