@@ -13,6 +13,7 @@ pub use browser::Browser;
 pub use drill::hosts::Hosts;
 pub use drill::measure::excuse;
 pub use drill::oracle;
+pub use drill::port;
 pub use drill::record::{Message, Record};
 pub use drill::tracking;
 pub use python::{python, text_of};

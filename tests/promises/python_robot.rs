@@ -3,13 +3,12 @@
 
 use process::lists::{Lists, Verdict, socket};
 use promises::{
-    Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, python, repository,
-    signal, text_of,
+    Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, port, python,
+    repository, signal, text_of,
 };
 use rustix::process::Signal;
 use std::error::Error;
 use std::fs;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
@@ -41,7 +40,7 @@ fn control_host(
     scenario: &str,
 ) -> Result<(Launched, Command), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-    let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+    let port = port::free()?;
     let address = format!("127.0.0.1:{port}");
     let mut robot = Command::new(python()?);
     robot.arg("-B").arg(script).arg("--robot").arg(repository().join("deploy/robots/mecanum.toml"));

@@ -247,7 +247,7 @@ impl Drop for Namespace {
 
 /// A relay in front of a free port.
 fn relay() -> io::Result<Place> {
-    let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+    let port = crate::port::free()?;
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let relay = listener.local_addr()?.port();
     listener.set_nonblocking(true)?;

@@ -34,6 +34,7 @@ pub mod hosts;
 mod launchers;
 pub mod measure;
 pub mod oracle;
+pub mod port;
 pub mod record;
 mod refusals;
 mod rivals;

@@ -10,7 +10,7 @@ use graph::options::Options;
 use network::{Breach, keeps_strangers_out};
 use process::read_settings;
 use promises::oracle::{Limits, acquit};
-use promises::{Launched, Outcome, Record, graph_file, launch_command, repository};
+use promises::{Launched, Outcome, Record, graph_file, launch_command, port, repository};
 use protocol::message::{Command, Message, ModelSnapshot, SnapshotHead};
 use protocol::{VERSION, wire};
 use serde_json::Value;
@@ -191,8 +191,7 @@ fn a_flood_by_another_host_costs_the_local_processes_no_fresh_plan() -> Outcome 
     let deploy = repository().join("deploy");
     let file = home.path().join("graph.toml");
     fs::write(&file, GRAPH.replace("DEPLOY", &deploy.display().to_string()))?;
-    // Another program may take the port first; then the test fails.
-    let port = std::net::TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+    let port = port::free()?;
     let address = format!("training=127.0.0.1:{port}");
     let folder = certificates.folder();
     let given = folder.to_str().ok_or("no text")?;

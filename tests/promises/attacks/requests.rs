@@ -9,16 +9,15 @@ use graph::options::Options;
 use network::requests::{RequestError, Requester};
 use promises::oracle::{Limits, acquit};
 use promises::{
-    Hosts, Launched, Message, Outcome, Record, Screen, binaries, graph_with, launch_command,
+    Hosts, Launched, Message, Outcome, Record, Screen, binaries, graph_with, launch_command, port,
     python, repository, signal, text_of, wait_until,
 };
 use protocol::message::Participant;
 use rustix::process::Signal;
 use std::fs;
-use std::net::TcpListener;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, AtomicU16, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
 use zenoh::Wait;
@@ -26,16 +25,6 @@ use zenoh::Wait;
 /// A goal to stand still.
 fn hold() -> String {
     GoalRequest::of(Demand::Hold {}).text()
-}
-
-/// A port that is free until the bridge takes it. It is none of those that the system gives to
-/// outgoing connections.
-pub(super) fn free_port() -> Result<u16, Failure> {
-    static TRIED: AtomicU16 = AtomicU16::new(0);
-    let first = u16::try_from(std::process::id() % 6_000)? + 20_000;
-    let ports = std::iter::repeat_with(|| first + TRIED.fetch_add(1, Ordering::Relaxed));
-    let is_free = |port: &u16| TcpListener::bind(("127.0.0.1", *port)).is_ok();
-    Ok(ports.take(1_000).find(is_free).ok_or("no free port")?)
 }
 
 /// A robot whose bridge accepts requests.
@@ -48,7 +37,7 @@ struct Reached {
 
 impl Reached {
     fn new() -> Result<Self, Failure> {
-        let address = format!("127.0.0.1:{}", free_port()?);
+        let address = format!("127.0.0.1:{}", port::free()?);
         Self::at(&address, &address)
     }
 

@@ -1,14 +1,15 @@
 //! Requests to a robot whose plant and controller have hosts of their own, from a third machine: a
 //! goal goes to the host of the controller, a stop to that of the plant.
 
-use super::requests::{free_port, gates};
+use super::requests::gates;
 use super::session::{Certificates, Failure};
 use access::Role;
 use graph::assembly::Assembly;
 use graph::options::Options;
 use promises::oracle::{Limits, acquit};
 use promises::{
-    Launched, Outcome, Record, Screen, binaries, graph_with, launch_command, signal, wait_until,
+    Launched, Outcome, Record, Screen, binaries, graph_with, launch_command, port, signal,
+    wait_until,
 };
 use rustix::process::Signal;
 use std::path::PathBuf;
@@ -32,7 +33,7 @@ impl TwoHosts {
         let certificates = Certificates::new()?;
         let folder = certificates.folder();
         let given = folder.to_str().ok_or("no text")?;
-        let address = || free_port().map(|port| format!("127.0.0.1:{port}"));
+        let address = || port::free().map(|port| format!("127.0.0.1:{port}"));
         let (meeting, plant_at, controller_at) = (address()?, address()?, address()?);
         let tables = format!("[requests]\nrobot = \"{plant_at}\"\ncontrol = \"{controller_at}\"\n");
         let mut graph = PathBuf::new();
@@ -46,7 +47,7 @@ impl TwoHosts {
             Launched::by(command, home)
         };
         let (control, robot) = (launch("control", "robot")?, launch("robot", "control")?);
-        control.wait_for_log("controller", "answering a plant", 1)?;
+        control.wait_for_controller(1)?;
         Ok(Self { robot, control, certificates, graph, plant_at, controller_at })
     }
 

@@ -17,7 +17,6 @@ use std::ffi::OsStr;
 use std::fmt::Write;
 use std::fs::{self, File};
 use std::io;
-use std::net::TcpListener;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -282,10 +281,10 @@ fn hosts_of(carrier: Carrier) -> io::Result<String> {
         let _ = writeln!(text, "[hosts.{host}]\nprocesses = [{processes}]");
     }
     for (one, other) in connected {
-        let address = TcpListener::bind("127.0.0.1:0")?.local_addr()?;
+        let port = crate::port::free()?;
         let _ = writeln!(
             text,
-            "[[connections]]\nhosts = [{one:?}, {other:?}]\naddress = \"{address}\""
+            "[[connections]]\nhosts = [{one:?}, {other:?}]\naddress = \"127.0.0.1:{port}\""
         );
     }
     Ok(text)
