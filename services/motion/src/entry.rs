@@ -3,7 +3,8 @@
 //! Between two places p₀ and p₁ a curve of length L has one polynomial of degree 5 per axis with the
 //! first and second derivatives of both. With ṡ = √x and s̈ = u at its begin, a motion along it has
 //! the velocity q' √x and the acceleration q' u + q'' x there. So the derivatives q' and q'' follow
-//! from the present velocity and acceleration: u is the part of the acceleration along the velocity.
+//! from the present velocity and acceleration: u is the part of the acceleration along the
+//! velocity.
 
 use crate::curve::Place;
 use crate::timing::SHARE;
@@ -70,8 +71,8 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// From `begin` to `end`, with `stretch` samples per `sample_m` of its length. The more samples,
-    /// the farther it goes on as it begins, and comes from where the path comes from.
+    /// From `begin` to `end`, with `stretch` samples per `sample_m` of its length. The more
+    /// samples, the farther it goes on as it begins, and comes from where the path comes from.
     pub(crate) fn between(begin: &Begin, end: &Place, sample_m: f64, stretch: f64) -> Self {
         let [dx, dy] = [0, 1].map(|axis| end.pose[axis] - begin.place.pose[axis]);
         let samples = |length_m: f64| (stretch * length_m / sample_m).ceil().max(1.0);

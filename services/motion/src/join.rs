@@ -1,7 +1,7 @@
 //! A robot that moves → a path, without a stop.
 //!
-//! An entry ([`Entry`]) leads from the present motion to a place on the curve of the path, and takes
-//! the place of what is before it. Of several entries, which end earlier or later and are more or
+//! An entry ([`Entry`]) leads from the present motion to a place on the curve of the path, and
+//! takes the place of what is before it. Of several entries, which end earlier or later and are more or
 //! less stretched, the robot drives the earliest one that is hardly slower than the fastest one.
 
 use crate::curve::{Curve, Path};

@@ -1,4 +1,4 @@
-//! Settings and goals that are exchanged between two ticks, and what is told of a goal.
+//! Exchanges settings and goals between two ticks, and reports the progress of a goal.
 
 use super::Controller;
 use super::tuning::Tuned;
@@ -38,8 +38,8 @@ impl Controller {
     }
 
     /// Follows `course` from the answer to `tick` on. False if it is too late for that: then
-    /// nothing has changed. What is no longer needed is in `course` afterwards. Does not allocate or
-    /// free.
+    /// nothing has changed. What is no longer needed is in `course` afterwards. Does not allocate
+    /// or free.
     pub fn follow(&mut self, course: &mut Course, tick: u64) -> bool {
         let goal = &course.goal;
         let is_due = (goal.begins_at_tick..=course.latest_tick).contains(&tick);
