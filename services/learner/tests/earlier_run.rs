@@ -5,7 +5,7 @@ use learner::{Settings, run};
 use model::learned::Layout;
 use model::main_model::{MainModel, fingerprint};
 use process::{Run, Stop};
-use protocol::message::{ModelSnapshot, ResidualSample};
+use protocol::message::{Health, ModelSnapshot, ResidualSample};
 use robot::Robot;
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -75,12 +75,15 @@ fn points_of(
     let ports = Ports::in_memory(&exchange, Identity::new(1));
     let mut snapshots: Source<ModelSnapshot> = ports.source(Since::First)?;
     let mut samples = ports.sink::<ResidualSample>()?;
+    let mut health: Source<Health> = ports.source(Since::First)?;
     let stop = Stop::new();
     let (exchange, learner_stop) = (exchange.clone(), stop.clone());
     let learner = thread::spawn(move || {
         run::run(&settings, &Ports::in_memory(&exchange, Identity::new(2)), &learner_stop)
             .map_err(|e| e.to_string())
     });
+    // Samples that are sent before it reads are lost.
+    while !learner.is_finished() && !health.wait(Duration::from_millis(20))? {}
     let mut points = Vec::new();
     for tick in 0..ticks {
         samples.send(&mut sample(tick))?;
@@ -134,7 +137,7 @@ fn samples_of_another_dead_time_are_dropped() -> Result<(), Box<dyn Error>> {
 #[test]
 fn another_dead_time_keeps_the_data_of_an_earlier_run() -> Result<(), Box<dyn Error>> {
     let (earlier, later) = (tempfile::tempdir()?, tempfile::tempdir()?);
-    let learnt = points(earlier.path(), None, 100, 0.05)?;
+    let learnt = points(earlier.path(), None, 80, 0.05)?;
     let kept = *learnt.last().ok_or("nothing was learnt")?;
     let resume = Some(earlier.path().join("snapshot.bin"));
     // Before the set is full, so that no sample has displaced an earlier one.
