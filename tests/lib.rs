@@ -10,6 +10,7 @@ mod reader;
 mod screen;
 
 pub use browser::Browser;
+pub use drill::firmware;
 pub use drill::hosts::Hosts;
 pub use drill::measure::excuse;
 pub use drill::oracle;
@@ -42,6 +43,23 @@ pub const GIVES_UP_AFTER: Duration = Duration::from_mins(2);
 /// The repository.
 pub fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("/"))
+}
+
+/// Copies the folder `from`, with what is in it.
+///
+/// # Errors
+/// The error of the file system.
+pub fn copy_folder(from: &Path, to: &Path) -> io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)?.flatten() {
+        let target = to.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            copy_folder(&entry.path(), &target)?;
+        } else {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
 }
 
 /// The folder of the binaries, built once, in the profile of the tests.

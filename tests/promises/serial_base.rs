@@ -3,104 +3,26 @@
 //!
 //! The judge is the table of the simulated firmware: what its motors did in every step.
 
+use promises::firmware::{self, BAD_CABLE, DRIVES, Firmware, STANDS, Step, port};
 use promises::{
     Ended, Launched, Outcome, Record, binaries, graph_with, launch_command, signal, wait_until,
 };
 use rustix::process::Signal;
-use std::collections::HashSet;
 use std::error::Error;
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command};
+use std::path::Path;
 use std::thread;
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Time for which the driver's last velocity may act \[ns\].
-const WATCHDOG_NANOS: u64 = 100_000_000;
-/// Steps of 2 ms or more in which the simulated robot stands still after its motors have stopped:
-/// twelve time constants.
-const STANDS_WITHIN_STEPS: u32 = 300;
-/// Highest speed that the robot file permits \[m/s\], with the rounding of a line.
-const SPEED_MAX: f64 = 5.0 + 1e-6;
-/// Speed at which the robot certainly drives, and below which it stands \[m/s\].
-const DRIVES: f64 = 0.5;
-const STANDS: f64 = 1e-3;
-
-/// A cable that damages, cuts off, loses and delays lines.
-const BAD: [&str; 8] = ["--garble", "0.1", "--truncate", "0.05", "--drop", "0.05", "--delay", "5"];
-
-/// The simulated firmware, which is killed with this value.
-struct Firmware(Child);
-
-impl Firmware {
-    /// Starts it in `home`, and waits for its port.
-    fn start(home: &Path, noise: &[&str]) -> Result<Self, Box<dyn Error>> {
-        let port = port(home);
-        let _ = fs::remove_file(&port);
-        let mut command = Command::new(binaries()?.join("serial-firmware"));
-        command.arg("--link").arg(&port).arg("--record").arg(home.join("firmware.csv"));
-        let this = Self(command.args(noise).spawn()?);
-        wait_until("the port of the firmware", || port.exists())?;
-        Ok(this)
-    }
-}
-
-impl Drop for Firmware {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-fn port(home: &Path) -> PathBuf {
-    home.join("port")
-}
-
-/// One step of the firmware.
-struct Step {
-    nanos: u64,
-    target: [f64; 3],
-    velocity: [f64; 3],
-    /// Arrival and validity of the last velocity line \[ns\].
-    line_nanos: u64,
-    valid_nanos: u64,
-    rejected: u64,
-    stopped_by_watchdog: bool,
-}
-
-impl Step {
-    fn speed(&self) -> f64 {
-        self.velocity[0].hypot(self.velocity[1])
-    }
-
-    /// Time without a valid velocity line \[ns\].
-    fn age(&self) -> u64 {
-        self.nanos - self.line_nanos
-    }
-}
-
 /// The steps so far, of all firmwares that were started in `home`.
 fn steps(home: &Path) -> Result<Vec<Step>, Box<dyn Error>> {
-    let text = fs::read_to_string(home.join("firmware.csv"))?;
-    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
-    whole.lines().skip(1).map(step).collect()
+    Ok(firmware::steps(home)?)
 }
 
-fn step(row: &str) -> Result<Step, Box<dyn Error>> {
-    let cells: Vec<&str> = row.split(',').collect();
-    let cell = |place: usize| cells.get(place).copied().ok_or_else(|| format!("{row:?} is short"));
-    let number = |place: usize| Ok::<f64, Box<dyn Error>>(cell(place)?.parse()?);
-    let count = |place: usize| Ok::<u64, Box<dyn Error>>(cell(place)?.parse()?);
-    Ok(Step {
-        nanos: count(0)?,
-        target: [number(1)?, number(2)?, number(3)?],
-        velocity: [number(4)?, number(5)?, number(6)?],
-        line_nanos: count(8)?,
-        valid_nanos: count(9)? * 1_000_000,
-        rejected: count(10)?,
-        stopped_by_watchdog: count(11)? > 0,
-    })
+/// Starts the firmware in `home`.
+fn start(home: &Path, noise: &[&str]) -> Result<Firmware, Box<dyn Error>> {
+    Ok(Firmware::start(binaries()?, home, noise)?)
 }
 
 /// Number of steps with motion, so that no judgement is about a robot that stood.
@@ -109,19 +31,7 @@ fn step(row: &str) -> Result<Step, Box<dyn Error>> {
 /// If the motors had a target after the time of the watchdog, or the robot moved much later, or too
 /// fast.
 fn acquit(steps: &[Step]) -> usize {
-    let mut overdue = 0;
-    for step in steps {
-        let (age, nanos) = (step.age(), step.nanos);
-        let speeds = [step.speed(), step.target[0].hypot(step.target[1])];
-        assert!(speeds.iter().all(|&speed| speed <= SPEED_MAX), "{nanos}: {speeds:?} m/s");
-        assert!(step.valid_nanos <= WATCHDOG_NANOS, "{nanos}: {} ns", step.valid_nanos);
-        assert!(age < WATCHDOG_NANOS || step.target == [0.0; 3], "{nanos}: a target at {age} ns");
-        overdue = if age < WATCHDOG_NANOS { 0 } else { overdue + 1 };
-        assert!(
-            overdue < STANDS_WITHIN_STEPS || step.speed() < STANDS,
-            "{nanos}: moves at {age} ns"
-        );
-    }
+    assert_eq!(firmware::judge(steps), [""; 0]);
     steps.iter().filter(|step| step.speed() > DRIVES).count()
 }
 
@@ -134,7 +44,7 @@ struct Rig {
 impl Rig {
     fn new(noise: &[&str], tables: &str, options: &[&str]) -> Result<Self, Box<dyn Error>> {
         let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
-        let firmware = Some(Firmware::start(home.path(), noise)?);
+        let firmware = Some(start(home.path(), noise)?);
         let port = quoted(&port(home.path()));
         Ok(Self { firmware, launched: launch(home, &port, tables, options)? })
     }
@@ -183,16 +93,9 @@ fn launch(
 
 /// Every recorded velocity is one that the firmware has had.
 fn every_measurement_is_one_that_was_sent(home: &Path) -> Outcome {
-    let bits = |velocity: [f64; 3]| velocity.map(|value| (value + 0.0).to_bits());
-    let sent: HashSet<_> = steps(home)?.iter().map(|step| bits(step.velocity)).collect();
     let record = Record::read(&home.join("run"))?;
-    let mut count = 0;
-    for state in record.of("state") {
-        let velocity = state.numbers("velocity");
-        let velocity = [velocity[0], velocity[1], velocity[2]];
-        assert!(sent.contains(&bits(velocity)), "{velocity:?} was never sent");
-        count += 1;
-    }
+    assert_eq!(firmware::unsent(&record, &steps(home)?), [""; 0]);
+    let count = record.of("state").count();
     assert!(count > 10, "{count} states");
     Ok(())
 }
@@ -254,7 +157,7 @@ fn a_firmware_that_dies_and_returns_is_driven_again() -> Outcome {
     let pid = rig.launched.process("serial-base", None)?;
     rig.firmware = None;
     rig.launched.process("serial-base", Some(pid))?;
-    rig.firmware = Some(Firmware::start(rig.home(), &[])?);
+    rig.firmware = Some(start(rig.home(), &[])?);
     rig.wait_until_it_drives()?;
     let (ended, home) = rig.end()?;
     assert!(ended.status.success(), "{}", ended.text);
@@ -282,7 +185,8 @@ fn a_bad_cable_and_dying_processes_never_move_the_robot_without_a_command() -> O
         ("2", [("controller", Signal::STOP), ("serial-base", Signal::STOP)]),
         ("3", [("serial-base", Signal::KILL), ("serial-base", Signal::KILL)]),
     ] {
-        let rig = Rig::new(&[&BAD[..], &["--seed", seed]].concat(), "", &["--duration", "8"])?;
+        let rig =
+            Rig::new(&[&BAD_CABLE[..], &["--seed", seed]].concat(), "", &["--duration", "8"])?;
         let pause = Duration::from_millis(37 * seed.parse::<u64>()?);
         for (program, death) in deaths {
             rig.wait_until_it_drives()?;

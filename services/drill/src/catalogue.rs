@@ -57,6 +57,8 @@ pub enum Task {
     EmergencyStop(u32),
     /// Lets obstacles appear around a robot while it drives; number of obstacles.
     Appearing(u32),
+    /// Lets a base at a serial port fail while it drives; number of failures.
+    SerialBase(SerialFault, u32),
     /// Launches on machines with little shared memory; size for each launch \[MiB\]. Each launch
     /// drives normally, or is rejected before the robot moves.
     LittleSharedMemory(Vec<u64>),
@@ -112,6 +114,19 @@ pub enum GoalFault {
     TwoPlanners,
 }
 
+/// What fails of a base at a serial port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SerialFault {
+    /// Its driver is killed.
+    KilledDriver,
+    /// Its driver is stopped. The launcher kills it when it finds it to hang.
+    StoppedDriver,
+    /// Its firmware is killed, and starts again.
+    KilledFirmware,
+    /// Its cable is bad all the time. Driver and controller are killed in turn.
+    BadCable,
+}
+
 /// The conflict between two controllers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rivalry {
@@ -162,9 +177,20 @@ pub struct Launch {
     pub undisturbed: bool,
     /// Shared memory of the machine, if it differs from the real size \[MiB\].
     pub shared_memory_mebibytes: Option<u64>,
-    /// The robot stands and waits for goals, with a sensor for obstacles. Otherwise it follows the
-    /// figure eight.
-    pub waits_for_goals: bool,
+    /// What drives.
+    pub driven: Driven,
+}
+
+/// What drives in an exercise.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Driven {
+    /// The simulator, which follows the figure eight.
+    #[default]
+    Simulator,
+    /// The simulator, which stands and waits for goals, with a sensor for obstacles.
+    WaitingForGoals,
+    /// A simulated firmware at a serial port, which follows the figure eight.
+    SerialBase,
 }
 
 /// One exercise.
@@ -211,6 +237,7 @@ pub fn exercises(extent: Extent, apart: bool) -> Vec<Exercise> {
     messages::of_other_versions(extent, &mut all);
     messages::snapshots(extent, &mut all);
     all.extend(around_goals(extent));
+    all.extend(at_serial_port(extent));
     solvers(extent, &mut all);
     worlds(extent, &mut all);
     processes::machine(extent, &mut all);
@@ -258,6 +285,22 @@ fn around_goals(extent: Extent) -> Vec<Exercise> {
         goals("two planners", "controller", GoalFault::TwoPlanners, 6, 100),
         of("emergency stop", "robot", Task::EmergencyStop(extent.pick(1, 30))),
         of("obstacle appears", "robot", Task::Appearing(extent.pick(4, 60))),
+    ]
+}
+
+/// Faults of a base at a serial port.
+fn at_serial_port(extent: Extent) -> Vec<Exercise> {
+    let of = |target, fault, quick, whole| Exercise {
+        fault: "serial base",
+        target,
+        carrier: Carrier::SharedMemory,
+        task: Task::SerialBase(fault, extent.pick(quick, whole)),
+    };
+    vec![
+        of("driver killed", SerialFault::KilledDriver, 2, 60),
+        of("driver hangs", SerialFault::StoppedDriver, 1, 30),
+        of("firmware dies", SerialFault::KilledFirmware, 1, 30),
+        of("bad cable", SerialFault::BadCable, 2, 60),
     ]
 }
 

@@ -1,13 +1,15 @@
 //! One exercise: runs it with real processes, and judges it.
 
-use super::catalogue::{Carrier, Exercise, Launch, Refused, Rivalry, Task};
+use super::catalogue::{Carrier, Driven, Exercise, Launch, Refused, Rivalry, Task};
 use super::ground::Ground;
 use super::measure::{Measured, acts_until, is_stopped_astray, measure, worst_reaction};
 use super::oracle::{Limits, judge};
 use super::record::Record;
 use super::session::{Home, Trouble, permits_little_shared_memory};
 use super::tracking::{self, Tracked, Windows};
-use super::{appearing, between, damage, emergency_stop, goals, launchers, refusals, rivals};
+use super::{
+    appearing, between, damage, emergency_stop, goals, launchers, refusals, rivals, serial_base,
+};
 use graph::faults::FaultsFile;
 use process::{Stop, Witness};
 use rand::{Rng, SeedableRng};
@@ -84,6 +86,12 @@ pub(super) fn run(
                 appearing::run(home, *times, stop)
             })
         }
+        Task::SerialBase(fault, times) => {
+            let launch = Launch { driven: Driven::SerialBase, ..Launch::default() };
+            in_home(exercise.carrier, &launch, ground, seed, kept, |home| {
+                serial_base::run(home, *fault, *times, seed, stop)
+            })
+        }
         Task::LittleSharedMemory(sizes) => {
             little_shared_memory(exercise.carrier, sizes, ground, seed, kept, stop)
         }
@@ -95,7 +103,7 @@ pub(super) fn run(
 
 /// A launch whose robot waits for goals, with these faults.
 fn waits_for_goals(faults: String) -> Launch {
-    Launch { faults, waits_for_goals: true, ..Launch::default() }
+    Launch { faults, driven: Driven::WaitingForGoals, ..Launch::default() }
 }
 
 /// Runs `work` in a home of its own, which is kept if there was a violation.
@@ -110,7 +118,8 @@ fn in_home(
     let home = Home::new(ground, carrier, launch, seed)?;
     // An exercise that could not be done is a violation too, and its files are kept. The twins run
     // before any real-time run.
-    let twins = if launch.waits_for_goals { Ok(()) } else { ground.course().map(drop) };
+    let is_unlike_twins = launch.driven != Driven::Simulator;
+    let twins = if is_unlike_twins { Ok(()) } else { ground.course().map(drop) };
     let mut measured = twins.and_then(|()| work(&home)).unwrap_or_else(Measured::not_done);
     if !measured.violations.is_empty()
         && let Err(trouble) = home.keep(kept)

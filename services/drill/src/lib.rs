@@ -10,6 +10,8 @@
 //! | `goals`     | planners, and the goals that they give                            |
 //! | `emergency_stop` | an emergency stop that is pressed while the robot drives     |
 //! | `appearing` | obstacles that appear on and around the robot                     |
+//! | `serial_base` | a base at a serial port: driver, firmware and cable fail        |
+//! | `firmware`  | its simulated firmware, and the judge of its motors               |
 //! | `between`   | hosts between which something fails for a time                    |
 //! | `ground`    | what all exercises share, and the twin runs without faults        |
 //! | `tracking`  | record → how far the robot was from its reference                 |
@@ -28,6 +30,7 @@ pub mod catalogue;
 pub mod damage;
 mod emergency_stop;
 mod exercise;
+pub mod firmware;
 mod goals;
 mod ground;
 pub mod hosts;
@@ -38,12 +41,13 @@ pub mod port;
 pub mod record;
 mod refusals;
 mod rivals;
+mod serial_base;
 mod session;
 mod table;
 pub mod tracking;
 mod turns;
 
-use catalogue::{Carrier, Exercise, Extent, exercises};
+use catalogue::{Carrier, Exercise, Extent, Task, exercises};
 use clap::builder::PossibleValuesParser;
 use graph::assembly::missing_programs;
 use graph::role::{START_ORDER, program};
@@ -67,7 +71,7 @@ use turns::Turns;
 /// Options of `coxswain drill`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DrillOptions {
-    /// Run a short form of every exercise, in less than a minute.
+    /// Run a short form of every exercise.
     #[arg(long)]
     pub quick: bool,
     /// Run only the exercises of this fault; may be repeated.
@@ -208,7 +212,7 @@ impl DrillError {
 /// [`DrillError`]; no exercise runs if a setting is impossible.
 pub fn run(options: &DrillOptions) -> Result<bool, DrillError> {
     let chosen = chosen(options)?;
-    check(&options.deploy)?;
+    check(&options.deploy, &chosen)?;
     let mut json =
         options.json.as_deref().map(|path| create(path).map(|file| (path, file))).transpose()?;
     let stop = Stop::new();
@@ -303,7 +307,7 @@ fn known() -> BTreeSet<&'static str> {
 }
 
 /// Checks that the files and programs of an exercise are present.
-fn check(deploy: &Path) -> Result<(), DrillError> {
+fn check(deploy: &Path, chosen: &[Exercise]) -> Result<(), DrillError> {
     if !deploy.join("robots/mecanum.toml").is_file() || !deploy.join("scenarios").is_dir() {
         return Err(DrillError::NoDeploy { folder: deploy.to_path_buf() });
     }
@@ -312,7 +316,10 @@ fn check(deploy: &Path) -> Result<(), DrillError> {
         source,
     })?;
     let folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
-    let programs = missing_programs(START_ORDER.into_iter().map(program).map(Path::new), &folder);
+    let has_port = chosen.iter().any(|one| matches!(one.task, Task::SerialBase(..)));
+    let at_port = [firmware::DRIVER, firmware::PROGRAM].into_iter().filter(|_| has_port);
+    let needed = START_ORDER.into_iter().map(program).chain(at_port).map(Path::new);
+    let programs = missing_programs(needed, &folder);
     if programs.is_empty() { Ok(()) } else { Err(DrillError::MissingPrograms { programs, folder }) }
 }
 

@@ -106,9 +106,14 @@ impl Session {
 
     /// The process of the launcher that plays `role`.
     pub(super) fn pid_of(&self, role: Participant) -> Option<Pid> {
+        self.pid_named(program(role))
+    }
+
+    /// The process of the launcher that is called `program`.
+    pub(super) fn pid_named(&self, program: &str) -> Option<Pid> {
         let plays = |pid: &i32| {
             fs::read_to_string(format!("/proc/{pid}/comm"))
-                .is_ok_and(|name| name.trim_end() == program(role))
+                .is_ok_and(|name| name.trim_end() == program)
         };
         children(self.child.id()).into_iter().find(plays).and_then(Pid::from_raw)
     }

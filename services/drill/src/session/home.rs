@@ -1,7 +1,8 @@
 //! The folder of an exercise, and what it launches there.
 
 use super::{Session, Trouble};
-use crate::catalogue::{Carrier, Launch};
+use crate::catalogue::{Carrier, Driven, Launch};
+use crate::firmware::{self, DRIVER};
 use crate::ground::Ground;
 use crate::hosts::Hosts;
 use crate::oracle::Limits;
@@ -64,7 +65,7 @@ impl<'a> Home<'a> {
         let folder = tempfile::Builder::new().prefix("cx").tempdir()?;
         let deploy = ground.deploy();
         let scenarios = deploy.join("scenarios");
-        let scenario = if launch.waits_for_goals {
+        let scenario = if launch.driven == Driven::WaitingForGoals {
             Scenario::merged(&scenarios, GOALS, None, &[])? + SENSOR
         } else {
             Scenario::merged(&scenarios, SCENARIO, Some(PROFILE), &[])?
@@ -89,6 +90,14 @@ impl<'a> Home<'a> {
             if exists {
                 let _ = write!(text, "[processes.{}]\n{PATIENT}", role.text());
             }
+        }
+        if launch.driven == Driven::SerialBase {
+            let port = firmware::port(folder.path());
+            let _ = write!(
+                text,
+                "[driver]\nprogram = \"{DRIVER}\"\n[driver.settings]\nport = \"{}\"\n",
+                port.display()
+            );
         }
         let graph = folder.path().join("graph.toml");
         fs::write(&graph, text)?;
