@@ -1,14 +1,17 @@
 //! `coxswain identify`: logs → robot file and report.
 
 use crate::drive::{self, DriveError};
-use crate::fit::{self, Estimate};
-use crate::judgement::{prediction_error, recommendation, untold};
+use crate::fit;
+use crate::judgement::{prediction_error, untold};
 use crate::log::bag::Topics;
 use crate::log::{AXIS_NAMES, Log, LogError, moved};
+use crate::numbers::Known;
+use crate::reached::reached;
 use crate::report::Page;
 use crate::response::Response;
 use crate::robot_file;
 use crate::sensors::sensors;
+use crate::tuned::{recommendation, variant};
 use clap::Args;
 use graph::assembly::robot_of;
 use graph::options::pace;
@@ -41,15 +44,16 @@ pub struct IdentifyOptions {
     /// Robot file with wheels and limits; with --drive by default that of the graph.
     #[arg(long, value_name = "FILE", required_unless_present = "drive")]
     pub robot: Option<PathBuf>,
-    /// Folder of the results, new or empty: robot.toml, report.html, and the drive.
+    /// Folder of the results, new or empty: robot.toml, tuned.toml, report.html, and the drive.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Length and width of the free rectangle, as 3x2 (m).
     #[arg(long, value_name = "SIZE", default_value = "2x2", requires = "drive", value_parser = size)]
     pub area: [f64; 2],
-    /// Largest planar speed of the drive (m/s).
-    #[arg(long, value_name = "M/S", default_value_t = 0.5, requires = "drive")]
-    pub speed: f64,
+    /// Largest planar speed of the drive (m/s); by default 0.5, or less for a robot whose file
+    /// allows less than 2 m/s².
+    #[arg(long, value_name = "M/S", requires = "drive")]
+    pub speed: Option<f64>,
     /// Largest yaw rate of the drive (rad/s).
     #[arg(long, value_name = "RAD/S", default_value_t = 1.0, requires = "drive")]
     pub yaw_rate: f64,
@@ -110,8 +114,8 @@ pub enum IdentifyError {
     },
     /// The gate stopped the robot during the drive.
     #[error(
-        "the gate stopped the robot during the drive ({}): drive slower, or give more room; the \
-         record is kept", .0.join("; ")
+        "the gate stopped the robot during the drive ({}): drive slower (--speed), or \
+         give more room (--area); the record is kept", .0.join("; ")
     )]
     Stopped(Vec<String>),
     /// The result is no robot.
@@ -176,7 +180,7 @@ impl IdentifyOptions {
     /// [`IdentifyError`]; nothing was created then, unless the system reports a write error.
     pub fn plan(&self) -> Result<Plan, IdentifyError> {
         let ranges = [
-            ("speed", self.speed, 0.01, 10.0, "0.01 to 10 m/s"),
+            ("speed", self.speed.unwrap_or(drive::SPEED_MPS), 0.01, 10.0, "0.01 to 10 m/s"),
             ("yaw-rate", self.yaw_rate, 0.01, 10.0, "0.01 to 10 rad/s"),
             ("duration", self.duration, 15.0, 600.0, "15 to 600 s"),
         ];
@@ -255,9 +259,11 @@ pub fn identify(
     };
     let errors = [("identified", ahead(&first.response)), ("robot file given", ahead(&stated))];
     let source = logs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
-    let untold = untold(&estimate);
     let recommended = recommendation(&estimate);
     let sensors = sensors(&log, wheels, &fit::errors(&log, wheels, &estimate.response));
+    let reached = reached(&log, wheels, &estimate.response);
+    let known = Known { estimate: &estimate, reached: &reached, sensors: &sensors, wheels };
+    let untold = untold(&known);
     let robot = robot_file::robot(given, &estimate);
     robot.check().map_err(|impossible| IdentifyError::Impossible {
         key: impossible.key,
@@ -268,19 +274,16 @@ pub fn identify(
         source: &source,
         log: &log,
         held_out_from: USED,
-        wheels,
-        estimate: &estimate,
+        known: &known,
         checked: &first.response,
         errors: &errors,
-        sensors: &sensors,
         untold: &untold,
         recommended: &recommended,
     };
     let robot_path = out.join("robot.toml");
-    let text =
-        robot_file::text(&robot, &estimate, &log, &source, &recommended).map_err(|error| {
-            IdentifyError::Write { path: robot_path.clone(), source: io::Error::other(error) }
-        })?;
+    let text = robot_file::text(&robot, &known, &untold, (&log, &source), &recommended).map_err(
+        |error| IdentifyError::Write { path: robot_path.clone(), source: io::Error::other(error) },
+    )?;
     create(out)?;
     let write = |path: &Path, text: &str| {
         atomic_file::write(path, text.as_bytes())
@@ -288,13 +291,16 @@ pub fn identify(
     };
     let report = out.join("report.html");
     write(&report, &page.html())?;
+    let tuned = out.join("tuned.toml");
+    write(&tuned, &variant(&recommended, &source))?;
     write(&robot_path, &text)?;
-    print(&estimate, &errors, &untold);
+    print(&known, &errors, &untold);
     terminal::print(format_args!(
         "recommended: period {} ms, horizon {} periods, weights of the profile {}",
         recommended.period_millis, recommended.horizon_steps, recommended.profile
     ));
     terminal::print(robot_path.display());
+    terminal::print(tuned.display());
     terminal::print(report.display());
     Ok(())
 }
@@ -330,15 +336,9 @@ fn stated(given: &Robot) -> Response {
     response
 }
 
-fn print(estimate: &Estimate, errors: &[(&str, [[f64; 3]; 2])], untold: &[String]) {
-    for found in &estimate.parameters {
-        terminal::print(format_args!(
-            "{:32} {:9.4} ± {:.4} {}",
-            found.parameter.to_string(),
-            found.value,
-            found.half_width,
-            found.parameter.unit()
-        ));
+fn print(known: &Known<'_>, errors: &[(&str, [[f64; 3]; 2])], untold: &[String]) {
+    for number in known.response().iter().chain(&known.others()) {
+        terminal::print(number);
     }
     for (name, [one, ten]) in errors {
         terminal::print(format_args!(

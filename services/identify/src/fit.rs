@@ -9,7 +9,8 @@
 //!    better: where there are none, they would make the gain uncertain.
 //! 3. **Limits.** A largest acceleration or deceleration is added to an axis where that explains
 //!    the data clearly better.
-//! 4. **Intervals.** Errors are correlated in time (a random force acts for a while), so the
+//! 4. **Stiction.** More friction at standstill is added to all axes in the same way.
+//! 5. **Intervals.** Errors are correlated in time (a random force acts for a while), so the
 //!    covariance is that of Newey and West, 1987: H⁻¹ (Σ_l w_l Σ_k g_k g_{k+l}ᵀ) H⁻¹ with the
 //!    gradients g_k of one period, H = JᵀJ and the weights w_l = 1 − l/(L + 1).
 //!
@@ -47,7 +48,8 @@ const WIDTH_95: f64 = 1.96;
 const DRAG_PRIOR_S_PER_M: f64 = 0.01;
 /// Evaluations per fit, in multiples of the parameters.
 const PATIENCE: usize = 30;
-/// Share of the cost by which integral parts, or a limit of the acceleration, must lower it.
+/// Share of the cost by which integral parts, a limit of the acceleration, or stiction must lower
+/// it.
 const WORTH: f64 = 0.05;
 /// Samples at the begin of a stretch whose input in the past is not known \[s\].
 const PAST_S: f64 = 0.6;
@@ -107,7 +109,7 @@ pub fn estimate(
     let mut fit = Fit::new(log, &simulations, axes);
     progress("starts");
     let starts = match near {
-        Some(near) => [vec![near.without_limits()], Vec::new()],
+        Some(near) => [vec![near.plain()], Vec::new()],
         None => [false, true].map(|has_integral| start::starts(log, axes, has_integral)),
     };
     let first = starts[0].first().copied().unwrap_or_default();
@@ -138,6 +140,13 @@ pub fn estimate(
         if tried.0 < (1.0 - WORTH) * cost.0 {
             (cost, response, parameters) = (tried, tried.1, with);
         }
+    }
+    progress("stiction");
+    let stuck = (0..AXES).filter(|&axis| axes[axis]).map(Parameter::Stiction);
+    let with: Vec<Parameter> = parameters.iter().copied().chain(stuck).collect();
+    let tried = fit.minimise(&fit.sticking(&response), &with);
+    if tried.0 < (1.0 - WORTH) * cost.0 {
+        (response, parameters) = (tried.1, with);
     }
     fit.scale = fit.scatter(&response);
     let last = fit.minimise(&response, &parameters);
@@ -255,6 +264,19 @@ impl<'a> Fit<'a> {
             }
         }
         best.1
+    }
+
+    /// The best start with stiction, in multiples of the dry friction.
+    fn sticking(&self, response: &Response) -> Response {
+        let starts = [0.5, 1.5, 3.0].map(|factor| Response {
+            stiction: std::array::from_fn(|axis| {
+                if self.axes[axis] { factor * response.friction[axis].max(0.01) } else { 0.0 }
+            }),
+            ..*response
+        });
+        let cost = |start: &Response| self.residuals(start).norm_squared();
+        let best = starts.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
+        best.unwrap_or(*response)
     }
 
     /// Largest acceleration or deceleration that `response` shows on an axis.

@@ -1,13 +1,14 @@
 //! What an estimate is worth: prediction of motion that was held out, what the data do not tell,
 //! and which motion would.
 
-use crate::fit::{Estimate, Estimated};
+use crate::fit::Estimated;
 use crate::log::{AXIS_NAMES, Log};
+use crate::numbers::Known;
 use crate::parameter::Parameter;
 use crate::response::{Motion, Response, Simulation};
 use robot::{AXES, Velocity, Wheels};
 
-/// Interval above which a parameter is not told, per value.
+/// Interval above which a parameter is not told, per value; of coupled axes, in m/s and rad/s.
 const WIDE: f64 = 0.25;
 /// The same for a dead time \[s\].
 const WIDE_S: f64 = 0.02;
@@ -43,7 +44,8 @@ pub fn prediction_error(
 }
 
 /// What the data do not tell, each with the motion that would.
-pub fn untold(estimate: &Estimate) -> Vec<String> {
+pub fn untold(known: &Known<'_>) -> Vec<String> {
+    let estimate = known.estimate;
     let mut untold: Vec<String> = (0..AXES)
         .filter(|&axis| !estimate.axes[axis])
         .map(|axis| {
@@ -63,10 +65,13 @@ pub fn untold(estimate: &Estimate) -> Vec<String> {
             }
             Parameter::TimeConstant(_) => "more or larger steps",
             Parameter::DeadTime(_) => "more or larger steps, or a shorter period",
+            Parameter::Gain(..) | Parameter::Cross(..) => "more steps on both axes at once",
             _ => continue,
         };
         let is_wide = match parameter {
             Parameter::DeadTime(_) => *half_width > WIDE_S,
+            Parameter::Gain(axis, other) if axis != other => *half_width > WIDE,
+            Parameter::Cross(..) => *half_width > WIDE,
             _ => *half_width > WIDE * value.abs(),
         };
         // A number that is not a number is not told either.
@@ -78,46 +83,51 @@ pub fn untold(estimate: &Estimate) -> Vec<String> {
         }
     }
     for (axis, name) in AXIS_NAMES.iter().enumerate().filter(|(axis, _)| estimate.axes[*axis]) {
-        if estimate.response.acceleration[axis].is_infinite() {
+        let limits = [
+            ("acceleration", estimate.response.acceleration[axis]),
+            ("deceleration", estimate.response.braking[axis]),
+        ];
+        for (what, _) in limits.iter().filter(|(_, limit)| limit.is_infinite()) {
             untold.push(format!(
-                "largest acceleration, {name}: not reached; larger steps would tell"
+                "largest {what}, {name}: the motion does not reach it; larger steps would tell"
+            ));
+        }
+        if known.input_from_rest(axis).is_none() {
+            untold.push(format!(
+                "static friction and dead band, {name}: no more than the dry friction is seen; an \
+                 input that rises slowly from rest would tell"
             ));
         }
     }
+    untold.extend(untold_of_sensors(known));
     untold
 }
 
-/// Period, horizon and the profile whose weights fit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recommendation {
-    /// T \[ms\].
-    pub period_millis: f64,
-    /// N \[periods\].
-    pub horizon_steps: usize,
-    /// Profile of `deploy/scenarios/profiles`.
-    pub profile: &'static str,
-}
-
-/// Periods that are recommended \[ms\].
-const PERIODS_MILLIS: [f64; 4] = [10.0, 20.0, 50.0, 100.0];
-/// Longest recommended horizon \[periods\].
-const HORIZON_MAX: usize = 40;
-
-/// The period is at most half of the shortest time constant, so that the controller sees a response
-/// while it happens, but not below 10 ms. The horizon covers the dead time and twice the longest
-/// time constant, and has 5 to 40 periods.
-pub fn recommendation(estimate: &Estimate) -> Recommendation {
-    let moved = || (0..AXES).filter(|&axis| estimate.axes[axis]);
-    let constant = |axis: usize| estimate.response.time_constant_s[axis];
-    let shortest = moved().map(constant).fold(f64::INFINITY, f64::min);
-    let longest = moved().map(constant).fold(0.0, f64::max);
-    let dead = moved().map(|axis| estimate.response.dead_time_s[axis]).fold(0.0, f64::max);
-    let fits = |period: &&f64| **period * 1e-3 <= 0.5 * shortest;
-    let period_millis = PERIODS_MILLIS.iter().rev().find(fits).copied().unwrap_or(10.0);
-    let horizon = ((dead + 2.0 * longest) / (period_millis * 1e-3)).ceil() as usize;
-    Recommendation {
-        period_millis,
-        horizon_steps: horizon.clamp(5, HORIZON_MAX),
-        profile: if period_millis < 50.0 { "agile" } else { "paper" },
+fn untold_of_sensors(known: &Known<'_>) -> Vec<String> {
+    let sensors = known.sensors;
+    let mut untold = Vec::new();
+    if sensors.latency_s.is_none() {
+        untold.push(
+            "latency of the velocity behind the pose: larger accelerations would tell".to_owned(),
+        );
     }
+    match sensors.per_wheels {
+        None => untold.push(
+            "radius and lever of the wheels: measured speeds of wheels beside the pose would tell"
+                .to_owned(),
+        ),
+        Some(ratios) => {
+            for (axis, ratio) in ratios.iter().enumerate() {
+                if ratio.is_some() || !known.estimate.axes[axis] {
+                    continue;
+                }
+                let name = AXIS_NAMES[axis];
+                untold.push(format!(
+                    "velocity by poses per velocity by wheels, {name}: longer motion {name} would \
+                     tell"
+                ));
+            }
+        }
+    }
+    untold
 }

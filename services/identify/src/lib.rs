@@ -8,8 +8,11 @@
 //! | `start`        | where a fit starts                                                    |
 //! | [`fit`]        | the estimate, with intervals                                          |
 //! | [`sensors`]    | noise, latency, wheels                                                |
+//! | [`reached`]    | accelerations that were reached                                       |
+//! | [`numbers`]    | all numbers with their names                                          |
 //! | [`judgement`]  | prediction of held-out motion, and what the data do not tell          |
 //! | [`robot_file`] | the result as a robot file                                            |
+//! | [`tuned`]      | period, horizon and weights that fit it                               |
 //! | [`report`]     | the result as a page                                                  |
 //! | [`excitation`] | a motion that tells the parameters apart                              |
 //! | [`drive`]      | a launch that drives it                                               |
@@ -21,9 +24,12 @@ pub mod excitation;
 pub mod fit;
 pub mod judgement;
 pub mod log;
+pub mod numbers;
 pub mod parameter;
+pub mod reached;
 pub mod report;
 pub mod response;
 pub mod robot_file;
 pub mod sensors;
 mod start;
+pub mod tuned;

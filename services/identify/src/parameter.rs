@@ -20,6 +20,8 @@ pub enum Parameter {
     Integral(usize),
     /// c.
     Friction(usize),
+    /// e.
+    Stiction(usize),
     /// v_s.
     FrictionSpeed,
     /// D.
@@ -36,7 +38,7 @@ pub enum Parameter {
 
 impl Parameter {
     /// Those of a robot of which only `axes` are moved, with or without integral parts, without
-    /// limits of the acceleration.
+    /// limits of the acceleration and without stiction.
     pub fn of_axes(axes: [bool; AXES], has_integral: bool) -> Vec<Self> {
         let moved = || (0..AXES).filter(|&axis| axes[axis]);
         let mut all = Vec::new();
@@ -73,6 +75,7 @@ impl Parameter {
             Self::DeadTime(axis) => &mut response.dead_time_s[axis],
             Self::Integral(axis) => &mut response.integral_per_s[axis],
             Self::Friction(axis) => &mut response.friction[axis],
+            Self::Stiction(axis) => &mut response.stiction[axis],
             Self::FrictionSpeed => &mut response.friction_speed_mps,
             Self::Drag => &mut response.drag_s_per_m,
             Self::Offset(axis) => &mut response.offset[axis],
@@ -131,8 +134,8 @@ impl Parameter {
         match self {
             Self::TimeConstant(_) | Self::DeadTime(_) => "s",
             Self::Integral(_) => "1/s",
-            Self::Friction(2) | Self::Offset(2) => "rad/s",
-            Self::Friction(_) | Self::Offset(_) | Self::FrictionSpeed => "m/s",
+            Self::Friction(2) | Self::Stiction(2) | Self::Offset(2) => "rad/s",
+            Self::Friction(_) | Self::Stiction(_) | Self::Offset(_) | Self::FrictionSpeed => "m/s",
             Self::Acceleration(2) | Self::Braking(2) => "rad/s²",
             Self::Acceleration(_) | Self::Braking(_) => "m/s²",
             Self::Drag => "s/m",
@@ -152,6 +155,7 @@ impl Display for Parameter {
             Self::DeadTime(axis) => write!(f, "dead time, {}", name(axis)),
             Self::Integral(axis) => write!(f, "integral part, {}", name(axis)),
             Self::Friction(axis) => write!(f, "dry friction, {}", name(axis)),
+            Self::Stiction(axis) => write!(f, "more friction at standstill, {}", name(axis)),
             Self::FrictionSpeed => write!(f, "speed of full dry friction"),
             Self::Drag => write!(f, "drag"),
             Self::Offset(axis) => write!(f, "offset, {}", name(axis)),

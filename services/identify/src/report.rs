@@ -1,14 +1,13 @@
 //! The page: parameters, what the data do not tell, and measured beside simulated motion.
 
-use crate::fit::Estimate;
-use crate::judgement::Recommendation;
 use crate::log::{AXIS_NAMES, Log};
+use crate::numbers::{Known, Number};
 use crate::response::{Response, Simulation};
-use crate::sensors::{Measured, Sensors};
+use crate::tuned::Recommendation;
 use recorder::report::axis::{Axis, Extent};
 use recorder::report::page::head;
 use recorder::report::panel::{Detail, Panel, escape};
-use robot::{AXES, Velocity, Wheels};
+use robot::{AXES, Velocity};
 use std::fmt::Write;
 
 /// Units of the velocity axes.
@@ -23,17 +22,13 @@ pub struct Page<'a> {
     pub log: &'a Log,
     /// Share of each stretch from which on `checked` was not estimated from it.
     pub held_out_from: f64,
-    /// The wheels.
-    pub wheels: &'a Wheels,
-    /// The estimate from all data.
-    pub estimate: &'a Estimate,
+    /// All numbers, from all data.
+    pub known: &'a Known<'a>,
     /// The response that was estimated without the part held out.
     pub checked: &'a Response,
     /// Prediction errors on the part held out: one step and ten steps ahead, of `checked` and of
     /// the robot file that was given.
     pub errors: &'a [(&'static str, [Velocity; 2])],
-    /// The sensors.
-    pub sensors: &'a Sensors,
     /// What the data do not tell.
     pub untold: &'a [String],
     /// Period and horizon.
@@ -56,9 +51,10 @@ impl Page<'_> {
             let _ = write!(html, "<p class=\"note\">{}</p>", escape(note));
         }
         html.push_str("</header>");
-        self.write_parameters(&mut html);
+        write_numbers(&mut html, ("parameters", "Response"), &self.known.response());
         self.write_untold(&mut html);
-        self.write_sensors(&mut html);
+        let others = ("others", "Limits, wheels and sensors");
+        write_numbers(&mut html, others, &self.known.others());
         self.write_errors(&mut html);
         self.write_motion(&mut html);
         let version = env!("CARGO_PKG_VERSION");
@@ -66,27 +62,8 @@ impl Page<'_> {
         html
     }
 
-    fn write_parameters(&self, html: &mut String) {
-        html.push_str(
-            "<section id=\"parameters\"><h2>Response</h2><div class=\"scroll\"><table><thead><tr>\
-             <th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr></thead>\
-             <tbody>",
-        );
-        for found in &self.estimate.parameters {
-            let _ = write!(
-                html,
-                "<tr><th>{}</th><td>{:.4}</td><td>± {:.4}</td><td>{}</td></tr>",
-                found.parameter,
-                found.value,
-                found.half_width,
-                found.parameter.unit()
-            );
-        }
-        html.push_str("</tbody></table></div></section>");
-    }
-
     fn write_untold(&self, html: &mut String) {
-        let Recommendation { period_millis, horizon_steps, profile } = self.recommended;
+        let Recommendation { period_millis, horizon_steps, profile, .. } = self.recommended;
         let _ = write!(
             html,
             "<section id=\"use\"><h2>Use</h2><p>Period {period_millis} ms, horizon {horizon_steps} \
@@ -98,36 +75,6 @@ impl Page<'_> {
                 let _ = write!(html, "<li>{}</li>", escape(line));
             }
             html.push_str("</ul>");
-        }
-        html.push_str("</section>");
-    }
-
-    fn write_sensors(&self, html: &mut String) {
-        let Sensors { velocity_noise, pose_noise, latency_s, per_wheels } = self.sensors;
-        html.push_str(
-            "<section id=\"sensors\"><h2>Sensors and wheels</h2><div class=\"scroll\"><table>\
-             <thead><tr><th></th><th>forward</th><th>left</th><th>yaw</th></tr></thead><tbody>",
-        );
-        let mut row = |name: &str, cells: [String; AXES]| {
-            let [a, b, c] = cells;
-            let _ = write!(html, "<tr><th>{name}</th><td>{a}</td><td>{b}</td><td>{c}</td></tr>");
-        };
-        row("noise of the velocity [m/s, m/s, rad/s]", velocity_noise.map(|it| format!("{it:.4}")));
-        row("noise of x, y and heading [m, m, rad]", pose_noise.map(|it| format!("{it:.4}")));
-        if let Some(ratios) = per_wheels {
-            let cell = |ratio: Option<Measured>| {
-                ratio.map_or("-".to_owned(), |it| format!("{:.4} ± {:.4}", it.value, it.half_width))
-            };
-            row("velocity by the poses per velocity by the wheels", ratios.map(cell));
-        }
-        html.push_str("</tbody></table></div>");
-        if let Some(Measured { value, half_width }) = latency_s {
-            let _ = write!(
-                html,
-                "<p>The velocity is {:.1} ± {:.1} ms behind the pose.</p>",
-                1e3 * value,
-                1e3 * half_width
-            );
         }
         html.push_str("</section>");
     }
@@ -157,7 +104,7 @@ impl Page<'_> {
     fn write_motion(&self, html: &mut String) {
         let longest = self.log.stretches.iter().max_by_key(|stretch| stretch.len());
         let Some(stretch) = longest.filter(|stretch| stretch.len() > 1) else { return };
-        let simulation = Simulation::new(self.wheels, stretch, self.log.period_s);
+        let simulation = Simulation::new(self.known.wheels, stretch, self.log.period_s);
         let from = (self.held_out_from * stretch.len() as f64) as usize;
         let run = simulation.whole(self.checked);
         let shown = || stretch.iter().skip(1).zip(&run).skip(from);
@@ -171,7 +118,7 @@ impl Page<'_> {
              <li class=\"r1\"><span class=\"key\"></span>simulated</li></ul>\
              <div class=\"panels pairs\">",
         );
-        for axis in (0..AXES).filter(|&axis| self.estimate.axes[axis]) {
+        for axis in (0..AXES).filter(|&axis| self.known.estimate.axes[axis]) {
             let measured: Vec<f64> = shown().map(|(sample, _)| sample.velocity[axis]).collect();
             let simulated: Vec<f64> = shown().map(|(_, motion)| motion.velocity[axis]).collect();
             let points = |values: &[f64]| -> Vec<(f64, f64)> {
@@ -196,4 +143,23 @@ impl Page<'_> {
         }
         html.push_str("</div></figure>");
     }
+}
+
+/// A table of numbers with their intervals.
+fn write_numbers(html: &mut String, (id, heading): (&str, &str), numbers: &[Number]) {
+    let _ = write!(
+        html,
+        "<section id=\"{id}\"><h2>{heading}</h2><div class=\"scroll\"><table><thead><tr>\
+         <th>number</th><th>value</th><th>95 % interval</th><th>unit</th></tr></thead><tbody>"
+    );
+    for Number { name, measured, unit } in numbers {
+        let _ = write!(
+            html,
+            "<tr><th>{}</th><td>{:.4}</td><td>± {:.4}</td><td>{unit}</td></tr>",
+            escape(name),
+            measured.value,
+            measured.half_width
+        );
+    }
+    html.push_str("</tbody></table></div></section>");
 }

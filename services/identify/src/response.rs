@@ -3,10 +3,10 @@
 //! Axis i follows the inputs u, delayed by its dead time, as a body of first order:
 //!
 //! ```text
-//! v̇_i = (Σ_j K_ij u_j(t − d_i) − v_i + z_i − Σ_{j≠i} C_ij v_j − c_i φ_i(v) − D |v_xy| v_i + b_i)/τ_i
+//! v̇_i = (Σ_j K_ij u_j(t − d_i) − v_i + z_i − Σ_{j≠i} C_ij v_j − f_i − D |v_xy| v_i + b_i)/τ_i
 //!        + s (ω v_y, −ω v_x, 0)_i
 //! ż_i = ρ_i (K_ii u_i(t − d_i) − v_i)
-//! φ_i(v) = Σ_w J_wi tanh((J v)_w/v_s) / Σ_w |J_wi|
+//! f_i(v) = Σ_w J_wi (c_i + e_i exp(−((J v)_w/v_b)²)) tanh((J v)_w/v_s) / Σ_w |J_wi|
 //! ```
 //!
 //! | symbol | parameter                                                                  |
@@ -15,13 +15,14 @@
 //! | τ, d   | time constant and dead time                                                |
 //! | ρ      | integral part of the speed loops; 0 where they are proportional |
 //! | c, v_s | dry friction as the velocity that it costs, and the speed at which it is full |
+//! | e, v_b | more friction near standstill (stiction), as such a velocity; v_b is 0.1 m/s |
 //! | D      | drag of the planar axes, in planar velocity lost per squared speed; 0 for yaw |
 //! | b      | constant offset: slope, or a sensor's bias                                 |
 //! | s      | share of the turning frame's acceleration (Coriolis); 0 where wheels hold the body |
 //!
 //! Friction acts at each wheel, so its direction follows from J. Where the wheels are not known,
-//! φ_i = tanh(v_i/v_s). The acceleration of an axis may be limited, separately for speeding up and
-//! slowing down.
+//! each axis has its own friction. The acceleration of an axis may be limited, separately for
+//! speeding up and slowing down.
 //!
 //! Friction, drag and turning frame as in eqs. 10–16 of Wu, Tang, Xu 2023, corrected as in
 //! `plant-sim`; the dead time acts on the input, piecewise constant over the periods.
@@ -31,6 +32,8 @@ use robot::{AXES, Velocity, Wheels};
 
 /// Longest step of the integration \[s\].
 const STEP_MAX_S: f64 = 0.01;
+/// v_b: speed at the rim from which on stiction is gone, but for 1/e of it \[m/s\].
+const STICTION_SPEED_MPS: f64 = 0.1;
 
 /// All parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +50,8 @@ pub struct Response {
     pub integral_per_s: Velocity,
     /// c \[m/s, m/s, rad/s\].
     pub friction: Velocity,
+    /// e \[m/s, m/s, rad/s\].
+    pub stiction: Velocity,
     /// v_s, at the rim \[m/s\].
     pub friction_speed_mps: f64,
     /// D \[s/m\].
@@ -72,6 +77,7 @@ impl Default for Response {
             dead_time_s: [0.0; AXES],
             integral_per_s: [0.0; AXES],
             friction: [0.0; AXES],
+            stiction: [0.0; AXES],
             friction_speed_mps: 0.02,
             drag_s_per_m: 0.0,
             offset: [0.0; AXES],
@@ -88,11 +94,24 @@ impl Response {
         self.integral_per_s.iter().any(|&integral| integral != 0.0)
     }
 
-    /// The same without limits of the acceleration.
+    /// Most dry friction at any speed of one axis, as a velocity \[m/s, m/s, rad/s\]: an axis at
+    /// rest needs this input before it drives off.
+    pub fn breakaway(&self) -> Velocity {
+        let of = |rim: f64, axis: usize| {
+            let slow = (-(rim / STICTION_SPEED_MPS).powi(2)).exp();
+            (self.friction[axis] + self.stiction[axis] * slow)
+                * (rim / self.friction_speed_mps).tanh()
+        };
+        let speeds = (0..1000).map(|step| f64::from(step) * 1e-3);
+        std::array::from_fn(|axis| speeds.clone().map(|rim| of(rim, axis)).fold(0.0, f64::max))
+    }
+
+    /// The same without limits of the acceleration and stiction.
     #[must_use]
-    pub fn without_limits(&self) -> Self {
+    pub fn plain(&self) -> Self {
         let unlimited = [f64::INFINITY; AXES];
-        Self { acceleration: unlimited, braking: unlimited, ..*self }
+        let stiction = [0.0; AXES];
+        Self { acceleration: unlimited, braking: unlimited, stiction, ..*self }
     }
 }
 
@@ -232,16 +251,19 @@ impl<'a> Simulation<'a> {
         next
     }
 
-    /// c φ(v), and its derivative by the velocity of each axis.
+    /// f(v), and its derivative by the velocity of each axis.
     fn friction(&self, response: &Response, velocity: &Velocity) -> (Velocity, Velocity) {
         let scale = response.friction_speed_mps;
         let (mut sums, mut slopes) = ([0.0; AXES], [0.0; AXES]);
         let mut roll = |row: &Velocity| {
             let rim = row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2];
             let share = (rim / scale).tanh();
+            let slow = (-(rim / STICTION_SPEED_MPS).powi(2)).exp();
             for axis in 0..AXES {
-                sums[axis] += row[axis] * share;
-                slopes[axis] += row[axis] * row[axis] * (1.0 - share * share) / scale;
+                let most = response.friction[axis] + response.stiction[axis] * slow;
+                sums[axis] += row[axis] * most * share;
+                // Where stiction ends, friction falls with the speed: that is not stiff.
+                slopes[axis] += row[axis] * row[axis] * most * (1.0 - share * share) / scale;
             }
         };
         if self.wheels.count() == 0 {
@@ -251,10 +273,9 @@ impl<'a> Simulation<'a> {
         } else {
             self.wheels.rows().iter().for_each(&mut roll);
         }
-        let factor = |axis: usize| response.friction[axis] / self.column_sums[axis];
         (
-            std::array::from_fn(|axis| factor(axis) * sums[axis]),
-            std::array::from_fn(|axis| factor(axis) * slopes[axis]),
+            std::array::from_fn(|axis| sums[axis] / self.column_sums[axis]),
+            std::array::from_fn(|axis| slopes[axis] / self.column_sums[axis]),
         )
     }
 

@@ -1,9 +1,10 @@
 //! The robot file: wheels and limits of the file that was given, with the identified response.
 
 use crate::fit::Estimate;
-use crate::judgement::{Recommendation, untold};
 use crate::log::{AXIS_NAMES, Log};
+use crate::numbers::Known;
 use crate::parameter::Parameter;
+use crate::tuned::Recommendation;
 use model::main_model::MainModel;
 use robot::{AXES, Response, Robot};
 use std::fmt::Write;
@@ -78,11 +79,12 @@ fn rounded(value: f64) -> f64 {
 /// If the robot cannot be written as TOML.
 pub fn text(
     robot: &Robot,
-    estimate: &Estimate,
-    log: &Log,
-    source: &str,
+    known: &Known<'_>,
+    untold: &[String],
+    (log, source): (&Log, &str),
     recommended: &Recommendation,
 ) -> Result<String, toml::ser::Error> {
+    let estimate = known.estimate;
     let mut text = format!(
         "# Identified by `coxswain identify` from {source}: {:.0} s at {:.0} ms.\n\
          # Wheels and limits are those of the robot file that was given.\n#\n\
@@ -108,7 +110,15 @@ pub fn text(
             Parameter::Friction(axis).unit(),
         );
     }
-    for line in untold(estimate) {
+    text.push_str(
+        "#\n# Measured as well. The wheels and limits below stay as they were given: see \
+         docs/how-to/identify-a-robot.md.\n",
+    );
+    for number in known.coupling().iter().chain(&known.others()) {
+        let _ = writeln!(text, "#   {number}");
+    }
+    text.push_str("#\n");
+    for line in untold {
         let _ = writeln!(text, "# Not told by the data: {line}.");
     }
     let _ = writeln!(

@@ -1,17 +1,21 @@
 //! What the sensors and the wheels say of each other.
 //!
 //! - **Noise** of a sensor: the third difference of a smooth signal is nearly all noise, with 20
-//!   times its variance. Of the velocity, what the response explains is taken away first.
+//!   times its variance. Of the velocity, what the response explains is taken away first. The
+//!   interval is that of the scatter between blocks of two seconds.
 //! - **Latency** λ of the velocity behind the pose: v(t) = v_pose(t − λ), so the two differ by λ v̇.
 //! - **Wheels**: the body velocity that the wheel speeds and the robot file give, per velocity by
 //!   the poses. A ratio that is not 1 is another effective radius, slip, or another distance of the
-//!   wheels.
+//!   wheels. Where the wheels roll forward, the ratio gives the radius; how much more or less it is
+//!   in yaw gives their lever.
 
-use crate::log::{Log, Sample};
+use crate::log::{Log, Sample, Stretch};
 use robot::{AXES, Velocity, Wheels};
 
 /// Time over which displacements by pose and by wheels are compared \[s\].
 const APART_S: f64 = 0.5;
+/// Length of the blocks whose noise is compared \[s\].
+const BLOCK_S: f64 = 2.0;
 /// Half width of a 95 % interval, in standard deviations.
 const WIDTH_95: f64 = 1.96;
 
@@ -28,35 +32,69 @@ pub struct Measured {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensors {
     /// Noise of the velocity, one standard deviation \[m/s, m/s, rad/s\].
-    pub velocity_noise: Velocity,
+    pub velocity_noise: [Measured; AXES],
     /// Noise of the pose, one standard deviation \[m, m, rad\].
-    pub pose_noise: Velocity,
+    pub pose_noise: [Measured; AXES],
     /// Latency of the velocity behind the pose, if the robot accelerates enough to tell \[s\].
     pub latency_s: Option<Measured>,
     /// Velocity by the poses per body velocity by the wheels, if wheel speeds are measured.
     pub per_wheels: Option<[Option<Measured>; AXES]>,
+    /// Effective mean radius of the wheels \[m\].
+    pub wheel_radius_m: Option<Measured>,
+    /// Effective lever of the wheels in yaw: a + b of mecanum wheels in a rectangle \[m\].
+    pub wheel_lever_m: Option<Measured>,
 }
 
 /// Estimates the sensors of a robot with `wheels` from `log`. `errors` are the differences of
 /// measured and simulated velocity.
 pub fn sensors(log: &Log, wheels: &Wheels, errors: &[Velocity]) -> Sensors {
-    let velocity_noise = std::array::from_fn(|axis| noise(errors.iter().map(|error| error[axis])));
+    let block = ((BLOCK_S / log.period_s) as usize).max(4);
+    let velocity_noise = std::array::from_fn(|axis| {
+        let errors: Vec<f64> = errors.iter().map(|error| error[axis]).collect();
+        noise(&[errors], block)
+    });
     let pose_noise = std::array::from_fn(|axis| {
-        let per_stretch: Vec<f64> = log
-            .stretches
-            .iter()
-            .map(|stretch| noise(stretch.iter().map(|sample| sample.pose[axis])))
-            .collect();
-        per_stretch.iter().sum::<f64>() / per_stretch.len().max(1) as f64
+        let pose = |stretch: &Stretch| stretch.iter().map(|sample| sample.pose[axis]).collect();
+        noise(&log.stretches.iter().map(pose).collect::<Vec<Vec<f64>>>(), block)
     });
     let has_wheels = log.stretches.iter().flatten().all(|sample| sample.wheel_speed.is_some());
     let per_wheels = (has_wheels && wheels.count() > 0).then(|| per_wheels(log, wheels));
-    Sensors { velocity_noise, pose_noise, latency_s: latency(log), per_wheels }
+    let [ahead, _, yaw] = per_wheels.unwrap_or_default();
+    let wheel_radius_m = ahead.map(|ahead| ahead.times(wheels.radius_m()));
+    let wheel_lever_m = ahead.zip(yaw).map(|(ahead, yaw)| ahead.per(yaw).times(wheels.lever_m()));
+    let latency_s = latency(log);
+    Sensors { velocity_noise, pose_noise, latency_s, per_wheels, wheel_radius_m, wheel_lever_m }
+}
+
+impl Measured {
+    fn times(self, factor: f64) -> Self {
+        Self { value: factor * self.value, half_width: factor * self.half_width }
+    }
+
+    /// The quotient of two numbers whose errors are independent.
+    fn per(self, other: Self) -> Self {
+        let value = self.value / other.value;
+        let relative = (self.half_width / self.value).hypot(other.half_width / other.value);
+        Self { value, half_width: value.abs() * relative }
+    }
+}
+
+/// Noise of a sensor whose values come in stretches, from blocks of so many values.
+fn noise(stretches: &[Vec<f64>], block: usize) -> Measured {
+    let parts = stretches.iter().flat_map(|stretch| stretch.chunks_exact(block));
+    let noises: Vec<f64> = parts.map(deviation).collect();
+    let count = noises.len() as f64;
+    if noises.len() < 2 {
+        let whole: Vec<f64> = stretches.iter().flatten().copied().collect();
+        return Measured { value: deviation(&whole), half_width: f64::INFINITY };
+    }
+    let value = noises.iter().sum::<f64>() / count;
+    let squares: f64 = noises.iter().map(|noise| (noise - value).powi(2)).sum();
+    Measured { value, half_width: WIDTH_95 * (squares / (count - 1.0) / count).sqrt() }
 }
 
 /// Standard deviation of white noise on a smooth signal, by the median of its third differences.
-fn noise(values: impl Iterator<Item = f64>) -> f64 {
-    let values: Vec<f64> = values.collect();
+fn deviation(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values
         .windows(4)
         .map(|four| (four[3] - 3.0 * four[2] + 3.0 * four[1] - four[0]).abs())
@@ -146,6 +184,7 @@ mod tests {
         let mut normal = || (0..12).map(|_| random()).sum::<f64>() - 6.0;
         let values: Vec<f64> =
             (0..4000).map(|k| (f64::from(k) * 0.02).sin() + 0.005 * normal()).collect();
-        assert!((noise(values.into_iter()) / 0.005 - 1.0).abs() < 0.06);
+        let found = noise(&[values], 100);
+        assert!((found.value - 0.005).abs() < 3e-4 && found.half_width < 3e-4, "{found:?}");
     }
 }

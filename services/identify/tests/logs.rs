@@ -1,6 +1,7 @@
 //! Promises: a log becomes a robot file and a report, and one that cannot be used becomes an error
 //! that names its place, and no file.
 
+use graph::scenario::Scenario;
 use identify::command::{IdentifyError, identify};
 use identify::excitation::{Room, motion};
 use identify::log::bag::Topics;
@@ -9,7 +10,7 @@ use plant_sim::truth::{Sensor, Truth, World};
 use robot::Robot;
 use std::error::Error;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 type Outcome = Result<(), Box<dyn Error>>;
@@ -90,6 +91,28 @@ fn a_table_becomes_a_robot_file_that_can_be_read_and_a_report() -> Outcome {
     assert_eq!(robot.wheels, Robot::example().wheels);
     let page = std::fs::read_to_string(out.join("report.html"))?;
     assert_eq!(page.matches("<svg role").count(), 6);
+    Ok(())
+}
+
+/// A scenario of the drill with the variant that comes out has the weights of the profile that it
+/// names, and a sound period and horizon.
+#[test]
+fn the_tuned_variant_has_the_weights_of_its_profile() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let out = folder.path().join("out");
+    let (table, robot) = (table(&folder, &rows([1.0; 3]))?, Robot::example());
+    identify(&[table], &Topics::default(), &robot, &out, false)?;
+    let scenarios = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/scenarios");
+    let variants = folder.path().join("variants");
+    std::fs::create_dir(&variants)?;
+    std::fs::copy(scenarios.join("figure-eight.toml"), folder.path().join("eight.toml"))?;
+    std::fs::copy(out.join("tuned.toml"), variants.join("tuned.toml"))?;
+    let tuned = Scenario::named(folder.path(), "eight+tuned", None, &[])?;
+    let profile = (tuned.period_millis < 50.0).then_some("agile");
+    let profile = Scenario::named(&scenarios, "figure-eight", profile, &[])?;
+    assert_eq!(tuned.mpc.weights, profile.mpc.weights);
+    assert!(tuned.mpc.control_horizon_steps <= tuned.mpc.horizon_steps);
+    assert_eq!(tuned.learner.layout, profile.learner.layout);
     Ok(())
 }
 

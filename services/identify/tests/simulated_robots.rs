@@ -1,15 +1,20 @@
 //! Promise: of a simulated robot, whose parameters are known, the estimate finds them.
 
 use identify::excitation::{Room, motion};
+use identify::fit::errors;
 use identify::fit::{Estimate, estimate};
 use identify::judgement::{prediction_error, untold};
 use identify::log::{Log, Sample};
+use identify::numbers::Known;
 use identify::parameter::Parameter;
+use identify::reached::reached;
 use identify::response::{Response, Simulation};
+use identify::sensors::{Measured, sensors};
 use nalgebra::{Matrix3, SMatrix};
 use plant_sim::truth::{RandomForce, Sensor, Truth, World};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use robot::Wheels;
 use std::error::Error;
 
 type Outcome = Result<(), Box<dyn Error>>;
@@ -110,6 +115,17 @@ fn true_response(truth: &Truth) -> Response {
     response
 }
 
+/// Most dry friction of each axis at any speed, as a velocity \[m/s, m/s, rad/s\].
+fn most_friction(truth: &Truth) -> [f64; 3] {
+    let of = |speed: f64| {
+        let stuck =
+            (truth.breakaway_factor - 1.0) * (-(speed / truth.breakaway_speed_radps).powi(2)).exp();
+        (1.0 + stuck) * (speed / truth.rolling_friction_speed_scale_radps).tanh()
+    };
+    let most = (0..1000).map(|step| of(f64::from(step) * 0.01)).fold(0.0, f64::max);
+    true_response(truth).friction.map(|dry| dry * most)
+}
+
 struct Judged {
     /// Largest relative error of gain and time constant, and largest error of the dead time \[s\].
     worst: [f64; 3],
@@ -166,6 +182,95 @@ fn gain_time_constant_and_dead_time_of_a_random_robot_are_found() -> Outcome {
 }
 
 #[test]
+fn friction_that_holds_the_robot_at_standstill_is_found_and_none_is_not_told() {
+    for (breakaway_factor, seed) in [(2.5, 3), (2.0, 4), (1.0, 3)] {
+        let truth = Truth { breakaway_factor, ..random_robot(seed) };
+        let log = drive(&truth, 0.05, seed);
+        let found = estimate(&log, &truth.wheels, [true; 3], None, &mut |_| {});
+        let reached = reached(&log, &truth.wheels, &found.response);
+        let sensors = sensors(&log, &truth.wheels, &errors(&log, &truth.wheels, &found.response));
+        let known =
+            Known { estimate: &found, reached: &reached, sensors: &sensors, wheels: &truth.wheels };
+        let expected = most_friction(&truth);
+        for axis in 0..3 {
+            let input = known.input_from_rest(axis);
+            assert_eq!(input.is_some(), breakaway_factor > 1.0, "{input:?}");
+            let Some(input) = input else { continue };
+            let ratio = input.value / expected[axis];
+            assert!((0.7..1.3).contains(&ratio), "axis {axis}: {ratio} {input:?}");
+        }
+    }
+}
+
+/// `truth` is within `found`, or within this multiple of its interval.
+fn holds(found: Option<Measured>, truth: f64, multiple: f64) -> bool {
+    found.is_some_and(|it| (it.value - truth).abs() <= multiple * it.half_width)
+}
+
+#[test]
+fn radius_and_lever_of_the_wheels_latency_and_noise_are_found_and_few_intervals_miss() -> Outcome {
+    // One period.
+    const LATENCY_S: f64 = 0.02;
+    let (mut missed, mut intervals) = (0, 0);
+    for seed in 1..=6 {
+        let wheels = Wheels::mecanum(0.0485, 0.25, 0.32)?;
+        let truth = Truth { wheels, ..random_robot(seed) };
+        let mut log = drive(&truth, LATENCY_S, seed);
+        // The velocity comes one period after the pose.
+        for stretch in &mut log.stretches {
+            let velocities: Vec<_> = stretch.iter().map(|sample| sample.velocity).collect();
+            for (sample, velocity) in stretch.iter_mut().skip(1).zip(velocities) {
+                sample.velocity = velocity;
+            }
+        }
+        let stated = Truth::default().wheels;
+        let mut response = true_response(&truth);
+        response.dead_time_s = response.dead_time_s.map(|it| it + LATENCY_S);
+        let sensors = sensors(&log, &stated, &errors(&log, &stated, &response));
+        let radius = sensors.wheel_radius_m.ok_or("no radius")?;
+        let lever = sensors.wheel_lever_m.ok_or("no lever")?;
+        assert!((radius.value / 0.0485 - 1.0).abs() < 0.005, "{radius:?}");
+        assert!((lever.value / 0.285 - 1.0).abs() < 0.01, "{lever:?}");
+        assert!(
+            sensors.latency_s.is_some_and(|it| (it.value - LATENCY_S).abs() < 0.005),
+            "{sensors:?}"
+        );
+        let noises = sensors.velocity_noise.into_iter().zip([0.005; 3]);
+        let noises = noises.chain(sensors.pose_noise.into_iter().zip([0.002; 3]));
+        let noises = noises.map(|(found, truth)| (Some(found), truth));
+        let others = [(Some(radius), 0.0485), (Some(lever), 0.285), (sensors.latency_s, LATENCY_S)];
+        for (found, truth) in noises.chain(others) {
+            assert!(holds(found, truth, 3.0), "{found:?} {truth}");
+            missed += usize::from(!holds(found, truth, 1.0));
+            intervals += 1;
+        }
+    }
+    assert!(5 * missed <= intervals, "{missed} of {intervals}");
+    Ok(())
+}
+
+#[test]
+fn a_motor_that_couples_the_axes_is_told_and_a_healthy_robot_has_no_coupling() -> Outcome {
+    for (weak, is_coupled) in [(0.6, true), (1.0, false)] {
+        let truth = Truth { motor_gain: vec![1.0, weak, 1.0, 1.0], ..random_robot(7) };
+        let log = drive(&truth, 0.05, 7);
+        let found = estimate(&log, &truth.wheels, [true; 3], None, &mut |_| {});
+        let reached = reached(&log, &truth.wheels, &found.response);
+        let sensors = sensors(&log, &truth.wheels, &errors(&log, &truth.wheels, &found.response));
+        let known =
+            Known { estimate: &found, reached: &reached, sensors: &sensors, wheels: &truth.wheels };
+        let couplings = known.coupling();
+        let of_yaw = found.of(Parameter::Gain(2, 0)).ok_or("not estimated")?;
+        let expected = Parameter::Gain(2, 0).of(&true_response(&truth));
+        assert!((of_yaw.value - expected).abs() < 2.0 * of_yaw.half_width, "{of_yaw:?} {expected}");
+        assert_eq!(of_yaw.half_width < of_yaw.value.abs(), is_coupled, "{of_yaw:?}");
+        let is_among = couplings.iter().any(|it| it.name == Parameter::Gain(2, 0).to_string());
+        assert_eq!(is_among, is_coupled, "{couplings:?}");
+    }
+    Ok(())
+}
+
+#[test]
 fn a_limit_of_the_acceleration_that_was_reached_is_found_and_another_is_not_told() -> Outcome {
     let wheels = Truth::default().wheels;
     let limited = Response {
@@ -186,7 +291,13 @@ fn a_limit_of_the_acceleration_that_was_reached_is_found_and_another_is_not_told
     let limit = found.of(Parameter::Acceleration(0)).ok_or("not found")?;
     assert!((limit.value / 2.0 - 1.0).abs() < 0.1, "{limit:?}");
     assert_eq!(found.of(Parameter::Acceleration(1)), None);
-    assert!(untold(&found).iter().any(|line| line.contains("acceleration, left")));
+    let reached = reached(&log, &wheels, &found.response);
+    let sensors = sensors(&log, &wheels, &errors(&log, &wheels, &found.response));
+    let known = Known { estimate: &found, reached: &reached, sensors: &sensors, wheels: &wheels };
+    assert!(untold(&known).iter().any(|line| line.contains("acceleration, left")));
+    // The limit is what was reached.
+    let most = reached.acceleration[0].ok_or("not reached")?;
+    assert!((most.value - 2.0).abs() < most.half_width.max(0.1), "{most:?}");
     Ok(())
 }
 
