@@ -196,14 +196,20 @@ def expected(item, name):
         rf'Impossible::new\(\s*"(?:[\w.]+\.)?{name}",\s*(?:format!\()?\s*"((?:[^"\\]|\\.)*)"',
         rf'Impossible \{{\s*key: "(?:[\w.]+\.)?{name}"(?:\.into\(\))?,\s*'
         r'expected: (?:format!\()?"((?:[^"\\]|\\.)*)"',
+        rf'impossible\(\s*"(?:[\w.]+\.)?{name}",\s*&?(?:format!\(\s*)?"((?:[^"\\]|\\.)*)"',
     ]
     for pattern in patterns:
         texts += re.findall(pattern, item.source)
     for table, rest in tables(item.source):
         if re.search(rf'"(?:[\w.]+\.)?{name}"', table):
-            texts += re.findall(r'expected(?::| =) (?:format!\()?"((?:[^"\\]|\\.)*)"', rest)[:1]
-    text = re.sub(r"\\\n\s*", "", texts[0]) if texts else ""
-    constants = dict(re.findall(r"const (\w+): [\w:]+ = ([-\d_.e]+);", item.source))
+            texts += re.findall(
+                r'(?:expected(?::| =) (?:format!\()?|impossible\(key, )"((?:[^"\\]|\\.)*)"', rest
+            )[:1]
+    text = re.sub(r"\\\n\s*", "", texts[0]).replace(" = {}", "") if texts else ""
+    messages = "".join(path.read_text() for path in (ROOT / "protocol/src").glob("message/*.rs"))
+    constants = dict(
+        re.findall(r"const (\w+): [\w:]+ = ([-\d_.e]+);", messages + item.source)
+    )
     filled = re.sub(r"\{(\w+)\}", lambda m: constants.get(m[1], "{").replace("_", ""), text)
     return "" if "{" in filled else filled.replace('\\"', '"')
 

@@ -100,7 +100,7 @@ fn identify(home: &Path, number: u64) -> Outcome {
     }
     let mut command = Command::new(binaries()?.join("coxswain"));
     command.current_dir(home).args(["identify", "--pace", "lock-step", "--area", "3x3"]);
-    command.args(["--speed", "1", "--set", "period_millis=20", "--seed", &number.to_string()]);
+    command.args(["--set", "period_millis=20", "--seed", &number.to_string()]);
     command.arg("--drive").arg(world.join(format!("graphs/r{number}-guess.toml")));
     let out = home.join(format!("r{number}"));
     text_of(command.arg("--out").arg(&out))?;

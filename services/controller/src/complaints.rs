@@ -17,11 +17,14 @@
 //! ratio = Σ Δp·v̄ T / Σ (v̄ T)²        Δp: displacement of a period in the body's frame
 //! ```
 //! is 1 if the driver's period is T and its velocity is in metres per second. For a robot that
-//! follows, Σ u·v / Σ u² is near 1 as well, with u the commanded velocity and L ω for the yaw.
+//! follows, ū·v̄ / ū² is near 1 as well, with the mean ū of the commanded velocity and v̄ of the
+//! measured one, and L ω for the yaw. A robot that is late follows too: commands that alternate
+//! faster than it answers have no mean. The ratio must be small for a second, so that a dead time
+//! after a standstill does not count.
 
 use crate::currents::Contradicted;
 use crate::mpc::constraint::RobotLimit;
-use model::{Velocity, wrap};
+use model::{AXES, Velocity, wrap};
 use process::Pace;
 use protocol::message::{ERROR_TEXT_MAX, FallbackLevel, PlantState, Reason};
 use robot::{Robot, WHEELS_MAX};
@@ -54,6 +57,9 @@ const AT_LIMIT: f64 = 0.95;
 
 /// A robot that follows less than this share of its commands has no effect of them.
 const FOLLOWS_LEAST: f64 = 0.2;
+
+/// Time for which commands must have no effect \[s\].
+const NO_EFFECT_S: f64 = 1.0;
 
 /// Below this mean command the effect is not evaluated \[m/s\].
 const COMMANDED_LEAST: f64 = 0.1;
@@ -255,9 +261,11 @@ pub struct Complaints {
     /// Σ Δp·v̄ T and Σ (v̄ T)² \[m²\].
     moved: f64,
     said: f64,
-    /// Σ u·v and Σ u² \[(m/s)²\].
-    followed: f64,
-    commanded: f64,
+    /// Σ v and Σ u \[m/s\].
+    followed: Velocity,
+    commanded: Velocity,
+    /// Time for which commands have had no effect \[s\].
+    no_effect_s: f64,
     /// Periods of the simple controller.
     simple: f64,
     /// Periods in which the list of obstacles was too old.
@@ -284,8 +292,9 @@ impl Complaints {
             reached_last: None,
             moved: 0.0,
             said: 0.0,
-            followed: 0.0,
-            commanded: 0.0,
+            followed: [0.0; AXES],
+            commanded: [0.0; AXES],
+            no_effect_s: 0.0,
             simple: 0.0,
             no_list: 0.0,
             told: [false; COUNT],
@@ -327,11 +336,13 @@ impl Complaints {
         let (moved, said) = motion(&before, &now, self.period_s);
         add(&mut self.moved, moved);
         add(&mut self.said, said);
-        let scale = [1.0, 1.0, self.lever_m.powi(2)];
-        let along =
-            |a: &Velocity, b: &Velocity| (0..3).map(|i| scale[i] * a[i] * b[i]).sum::<f64>();
-        add(&mut self.followed, along(&now.input, &now.velocity));
-        add(&mut self.commanded, along(&now.input, &now.input));
+        let scale = [1.0, 1.0, self.lever_m];
+        for axis in 0..AXES {
+            add(&mut self.followed[axis], scale[axis] * now.velocity[axis]);
+            add(&mut self.commanded[axis], scale[axis] * now.input[axis]);
+        }
+        let has_effect = self.share_without_effect().is_none();
+        self.no_effect_s = if has_effect { 0.0 } else { self.no_effect_s + self.period_s };
         add(&mut self.simple, f64::from(u8::from(now.is_simple)));
         let is_without_list = state.reason() == Reason::ObstaclesUnknown;
         add(&mut self.no_list, f64::from(u8::from(is_without_list)));
@@ -342,6 +353,15 @@ impl Complaints {
         let new = (0..self.told.len()).find(|&of| complained[of].is_some() && !self.told[of])?;
         self.told[new] = true;
         complained[new]
+    }
+
+    /// ū·v̄ / ū², if it is small.
+    fn share_without_effect(&self) -> Option<f64> {
+        let along = |a: &Velocity, b: &Velocity| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let commanded = along(&self.commanded, &self.commanded);
+        let is_commanded = commanded > (COMMANDED_LEAST * self.periods).powi(2);
+        let share = along(&self.commanded, &self.followed) / commanded;
+        (is_commanded && share < FOLLOWS_LEAST).then_some(share)
     }
 
     fn complained(&self, reason: Reason, row: Option<Contradicted>) -> Complained {
@@ -355,8 +375,6 @@ impl Complaints {
         let refused = share_of(self.refused);
         let moves = share_of(self.said) > (SPEED_LEAST * self.period_s).powi(2);
         let ratio = self.moved / self.said;
-        let is_commanded = share_of(self.commanded) > COMMANDED_LEAST.powi(2);
-        let follows = self.followed / self.commanded;
         let (simple, at_limit) = (share_of(self.simple), share_of(self.at_limit));
         let (no_list, reached) = (share_of(self.no_list), share_of(self.reached));
         let period_s = self.period_s;
@@ -371,8 +389,9 @@ impl Complaints {
             is_other_rate.then_some(Complaint::Rate { interval_s, period_s }),
             (moves && !is_other_rate && !RATIOS.contains(&ratio))
                 .then_some(Complaint::Period { ratio, period_s }),
-            (is_commanded && follows < FOLLOWS_LEAST)
-                .then_some(Complaint::NoEffect { share: follows }),
+            self.share_without_effect()
+                .filter(|_| self.no_effect_s > NO_EFFECT_S)
+                .map(|share| Complaint::NoEffect { share }),
             (simple > SIMPLE_LEAST).then_some(Complaint::Simple { share: simple }),
             row.map(|Contradicted { wheels, carried }| Complaint::Row { wheels, carried }),
             limit.map(|limit| Complaint::Limit { share: reached, limit }),

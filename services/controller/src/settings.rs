@@ -79,7 +79,7 @@ pub struct LearnedSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MpcSettings {
-    /// N \[periods\].
+    /// N: horizon, the number of periods that a plan covers \[periods\].
     pub horizon_steps: usize,
     /// Number of free inputs; later inputs keep the last one's distance from the target
     /// \[periods\].

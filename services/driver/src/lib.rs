@@ -11,7 +11,7 @@
 //! | `surroundings` | obstacles of the robot's sensors and of planners, for controller and gate |
 //! | `planner` | lists of obstacles: planner ▶ gate, over a socket                          |
 //! | `planner_list` | such a list, in JSON or TOML                                          |
-//! | `orders`  | arm and resume: operator ▶ gate, by files in the run directory             |
+//! | `orders`  | arm, resume and stop: operator ▶ gate, by files in the run directory       |
 //! | [`piped`] | a base that is another program, driven over its standard input and output  |
 
 pub mod base;

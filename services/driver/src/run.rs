@@ -1,8 +1,8 @@
 //! The clock: real time, or lock step with the other processes.
 //!
-//! The simulated world cannot advance while its process does not run. When the machine suspends the
-//! simulator, the world stands still for that time instead of jumping over it. The time is counted
-//! and logged.
+//! A simulated world cannot advance while its process does not run. When the machine suspends the
+//! process, the clock stands still for that time instead of jumping over it. The time is counted
+//! and logged. A real robot has moved on meanwhile; its states have the truth of that.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::{Orders, ended_with_stop};
@@ -184,7 +184,7 @@ impl<'a, B: Base> Plant<'a, B> {
             tracing::warn!(
                 tick,
                 micros = stalled / 1000,
-                "the machine suspended the simulator; its world stood still"
+                "the machine suspended this process; its clock stood still"
             );
         }
         now
@@ -248,9 +248,11 @@ impl<'a, B: Base> Plant<'a, B> {
         while let Some(command) = self.commands.next()? {
             self.offer(&command, now)?;
             if command.stamp.tick == tick && command.plant_epoch == self.epoch {
+                self.refuse_malformed();
                 return Ok(true);
             }
         }
+        self.refuse_malformed();
         Ok(false)
     }
 
@@ -258,12 +260,17 @@ impl<'a, B: Base> Plant<'a, B> {
         while let Some(command) = self.commands.next()? {
             self.offer(&command, now)?;
         }
+        self.refuse_malformed();
+        Ok(())
+    }
+
+    /// Counts the commands that could not be decoded since the last call.
+    fn refuse_malformed(&mut self) {
         let refused = self.commands.tally().refused;
         for _ in self.malformed..refused {
             self.robot.refuse_malformed();
         }
         self.malformed = refused;
-        Ok(())
     }
 
     fn offer(&mut self, command: &Command, now: u64) -> Result<(), RunError> {

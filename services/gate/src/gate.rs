@@ -2,7 +2,7 @@
 
 use crate::Bounds;
 use crate::accept::{self, judge};
-use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS, decide};
+use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS};
 use crate::machine::{Machine, Order, OrderError};
 use crate::protection::{Before, Protection, Slowed, TooManyObstacles};
 use protocol::message::{Command, FallbackLevel, GateState, ObstacleSource, Reason};
@@ -199,7 +199,7 @@ impl Gate {
 
     /// Input of the wheels at `now`.
     pub fn decide(&mut self, now: u64) -> Decision {
-        let (choice, fallback_level, reason) = decide(&self.situation(now));
+        let (choice, fallback_level, reason) = arbiter::decide(&self.situation(now));
         let stored = self.stored.map(|stored| stored.command);
         let elapsed = now.saturating_sub(self.input_nanos);
         self.input_nanos = now;
@@ -260,7 +260,8 @@ impl Gate {
                 (command.fallback_level(), arbiter::own_reason(command.fallback_level()))
             }
             (_, None) => {
-                let (_, fallback_level, reason) = decide(&self.situation(now.saturating_sub(1)));
+                let (_, fallback_level, reason) =
+                    arbiter::decide(&self.situation(now.saturating_sub(1)));
                 // A tail acted, even if its command arrived late enough to begin with that tail.
                 let was_late = matches!(
                     fallback_level,

@@ -261,18 +261,15 @@ mod tests {
 
     #[test]
     fn every_scenario_with_every_variant_in_every_profile_is_valid() -> Result<(), SettingsError> {
-        for base in [
-            "paper",
-            "circle",
-            "hold",
-            "corridor",
-            "figure-eight",
-            "square",
-            "stop-and-go",
-            "slalom",
-            "ring",
-            "shuttle",
-        ] {
+        let named = |path: PathBuf| Some(path.file_stem()?.to_str()?.to_owned());
+        let files = fs::read_dir(folder()).into_iter().flatten().flatten();
+        let paths = files.map(|file| file.path());
+        let bases: Vec<String> = paths
+            .filter(|path| path.extension().is_some_and(|it| it == "toml"))
+            .filter_map(named)
+            .collect();
+        assert!(bases.len() > 10, "{bases:?}");
+        for base in bases {
             for variant in Scenario::variants(&folder()) {
                 for profile in [None, Some("agile")] {
                     Scenario::named(&folder(), &format!("{base}+{variant}"), profile, &[])?;

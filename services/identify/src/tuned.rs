@@ -6,12 +6,11 @@
 //! profiles, which are not searched anew: `docs/results.md` has their rule.
 
 use crate::fit::Estimate;
+use protocol::message::HORIZON_MAX;
 use robot::AXES;
 
 /// Periods that are recommended \[ms\].
 const PERIODS_MILLIS: [f64; 4] = [10.0, 20.0, 50.0, 100.0];
-/// Longest recommended horizon \[periods\].
-const HORIZON_MAX: usize = 40;
 /// Shortest recommended horizon \[periods\].
 const HORIZON_MIN: usize = 5;
 /// Time for which inputs are free \[ms\].

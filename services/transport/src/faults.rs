@@ -297,7 +297,7 @@ impl Fault {
     fn check_field(&self) -> Result<(), ImpossibleFault> {
         let (kind, numbers) = (self.kind.name(), self.topic.numbers());
         if (self.kind.alters_a_field() || self.kind == Kind::Freeze) && numbers.is_empty() {
-            return Err(impossible("topic", "a topic whose messages have numbers"));
+            return Err(impossible("topic", "a topic whose messages have numbers, for this kind"));
         }
         match self.amount {
             Some(_) if self.kind != Kind::Outlier => {

@@ -99,6 +99,29 @@ fn a_robot_that_does_not_move_as_commanded_is_reported() {
 }
 
 #[test]
+fn a_robot_that_follows_late_is_not_reported() {
+    // Steps of 1 m/s to either side for half a second each, and a dead time of 0.4 s.
+    let step = |tick: u64| if (tick / 25).is_multiple_of(2) { 1.0 } else { -1.0 };
+    let late = |tick: u64| PlantState {
+        input: [step(tick), 0.0, 0.0],
+        velocity: [step(tick.saturating_sub(20)), 0.0, 0.0],
+        pose: [0.0; 3],
+        ..circle(tick, PERIOD_S)
+    };
+    let effects = |complaints: Vec<Complaint>| {
+        complaints.into_iter().filter(|it| matches!(it, Complaint::NoEffect { .. })).count()
+    };
+    assert_eq!(effects(told(late)), 0);
+    // A start after a standstill.
+    let starts = |tick: u64| PlantState {
+        input: [if tick < 100 { 0.0 } else { 5.0 }, 0.0, 0.0],
+        velocity: [if tick < 115 { 0.0 } else { 5.0 }, 0.0, 0.0],
+        ..circle(tick, PERIOD_S)
+    };
+    assert_eq!(effects(told(starts)), 0);
+}
+
+#[test]
 fn periods_of_the_simple_controller_are_reported() {
     let fallback_level =
         |tick| if tick % 5 == 0 { FallbackLevel::Simple } else { FallbackLevel::FreshPlan };
