@@ -144,6 +144,18 @@ impl<B: Base> GatedBase<B> {
         let _ = self.gate.see_obstacles(ObstacleSource::Planner, known, now, valid_nanos);
     }
 
+    /// Passes over `nanos` in which this process did not run, if the robot moves on meanwhile, and
+    /// returns whether it does: commands are older by that time. A simulated robot, which has a
+    /// truth, stands still with this process.
+    pub fn pass_over(&mut self, nanos: u64) -> bool {
+        let moves_on = self.base.truth().is_none();
+        if moves_on {
+            self.at += nanos;
+            self.gate.pass_over(self.at);
+        }
+        moves_on
+    }
+
     /// Drives the base until `now`; the gate decides anew every [`SLICE_NANOS`].
     ///
     /// # Errors

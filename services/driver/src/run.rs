@@ -1,8 +1,9 @@
 //! The clock: real time, or lock step with the other processes.
 //!
 //! A simulated world cannot advance while its process does not run. When the machine suspends the
-//! process, the clock stands still for that time instead of jumping over it. The time is counted
-//! and logged. A real robot has moved on meanwhile; its states have the truth of that.
+//! process, the world stands still for that time instead of jumping over it. The time is counted
+//! and logged. A real robot moves on: its ticks continue one after the other, but its commands are
+//! older by that time, so that the gate brakes.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::{Orders, ended_with_stop};
@@ -74,7 +75,7 @@ fn nap(left: u64) -> u64 {
     if left < MILLISECOND { left } else { (left - left % MILLISECOND).min(SLICE_NANOS) }
 }
 
-/// The world's clock: the monotonic clock, minus the times in which the machine suspended this
+/// The clock of the ticks: the monotonic clock, minus the times in which the machine suspended this
 /// process.
 #[derive(Debug)]
 struct Clock {
@@ -89,7 +90,7 @@ impl Clock {
         Self { origin: now, looked: now }
     }
 
-    /// Time of the world at `now` on the monotonic clock, and the time removed since the last check
+    /// Time of the ticks at `now` on the monotonic clock, and the time removed since the last check
     /// \[ns\]. The excess over `waited` is removed if it is too long for work.
     fn look(&mut self, now: u64, waited: u64) -> (u64, u64) {
         let beyond = now.saturating_sub(self.looked + waited);
@@ -115,6 +116,8 @@ struct Plant<'a, B> {
     orders: Orders,
     epoch: u64,
     driven: bool,
+    /// Time in which this process did not run while the robot moved on \[ns\].
+    lost: u64,
 }
 
 impl<'a, B: Base> Plant<'a, B> {
@@ -146,6 +149,7 @@ impl<'a, B: Base> Plant<'a, B> {
             orders: Orders::open(settings.run, identity.epoch),
             epoch: identity.epoch,
             driven: false,
+            lost: 0,
         })
     }
 
@@ -154,7 +158,7 @@ impl<'a, B: Base> Plant<'a, B> {
         let mut clock = Clock::begin();
         for tick in 0..=self.settings.ticks() {
             let (begin, end) = (tick * period, (tick + 1) * period);
-            self.publish(tick, begin)?;
+            self.publish(tick, begin + self.lost)?;
             if tick == self.settings.ticks() || stop.requested() {
                 break;
             }
@@ -167,24 +171,32 @@ impl<'a, B: Base> Plant<'a, B> {
                 self.commands.wait(Duration::from_nanos(nap))?;
                 let now = self.look(&mut clock, nap, tick).min(end);
                 self.take_order(tick);
-                self.take_commands(now)?;
-                self.robot.advance(now)?;
+                self.take_commands(now + self.lost)?;
+                self.robot.advance(now + self.lost)?;
             }
-            self.end_period(end)?;
+            self.end_period(end + self.lost)?;
         }
         Ok(())
     }
 
-    /// Time of the world now, when the process only waited for `waited` \[ns\] since the last
+    /// Time of the ticks now, when the process only waited for `waited` \[ns\] since the last
     /// check.
     fn look(&mut self, clock: &mut Clock, waited: u64, tick: u64) -> u64 {
         let (now, stalled) = clock.look(monotonic_nanos(), waited);
-        if stalled > 0 {
+        let micros = stalled / 1000;
+        if stalled > 0 && self.robot.pass_over(stalled) {
+            self.lost += stalled;
+            tracing::warn!(
+                tick,
+                micros,
+                "the machine suspended the driver; its commands are older"
+            );
+        } else if stalled > 0 {
             self.pulse.health().stalled_nanos += stalled;
             tracing::warn!(
                 tick,
-                micros = stalled / 1000,
-                "the machine suspended this process; its clock stood still"
+                micros,
+                "the machine suspended the simulator; its world stood still"
             );
         }
         now

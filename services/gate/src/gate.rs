@@ -241,6 +241,12 @@ impl Gate {
         Decision { input: self.input, fallback_level, reason, acting }
     }
 
+    /// Passes over the time until `now`, in which this process did not run: commands and lists get
+    /// older, and the ramp of the brake does not advance.
+    pub fn pass_over(&mut self, now: u64) {
+        self.input_nanos = now;
+    }
+
     /// Ends the period at `now`, and returns its fallback level: that of the answer to its own
     /// state, if one arrived in time.
     pub fn end_period(&mut self, now: u64) -> (FallbackLevel, Reason) {

@@ -1,0 +1,92 @@
+//! Promise: no command drives a real robot that is older than three periods, also if the machine has
+//! suspended the driver. A simulated robot stands still in that time.
+
+use driver::gated::GatedBase;
+use driver::{Base, BaseError, Sensors, Settings, TrueState};
+use process::Run;
+use protocol::message::{Command, FallbackLevel, Reason};
+use robot::Robot;
+use std::cell::Cell;
+use std::error::Error;
+use std::rc::Rc;
+use transport::Links;
+
+const PERIOD: u64 = 20_000_000;
+const EPOCH: u64 = 7;
+
+/// Follows every velocity at once.
+struct Ideal {
+    is_simulated: bool,
+    driven: Rc<Cell<f64>>,
+}
+
+impl Base for Ideal {
+    fn read(&mut self) -> Result<Sensors, BaseError> {
+        Ok(Sensors::default())
+    }
+
+    fn drive(&mut self, velocity: [f64; 3], _: u64) -> Result<(), BaseError> {
+        self.driven.set(velocity[0]);
+        Ok(())
+    }
+
+    fn truth(&self) -> Option<TrueState> {
+        self.is_simulated.then(TrueState::default)
+    }
+}
+
+fn command() -> Command {
+    let mut command: Command = bytemuck::Zeroable::zeroed();
+    (command.stamp.epoch, command.plant_epoch) = (1, EPOCH);
+    (command.fallback_level, command.input) = (FallbackLevel::FreshPlan.code(), [1.0, 0.0, 0.0]);
+    (command.tail, command.tail_len) = ([command.input; 4], 4);
+    command
+}
+
+/// Velocity of a robot 4 ms after its driver was suspended for 0.3 s in its first period, and the
+/// verdict on a further command that answers the state of that period.
+fn suspended(is_simulated: bool) -> Result<(f64, Result<(), Reason>), Box<dyn Error>> {
+    let (robot, links) = (Robot::example(), Links::on_this_machine("suspended", "/tmp", true, 0));
+    let run = Run::new("/tmp", PERIOD, links);
+    let settings = Settings {
+        run: &run,
+        duration_s: 1.0,
+        link_delay_millis: 0,
+        recorded: false,
+        robot: &robot,
+        armed: true,
+        surroundings: None,
+        lists: &[],
+    };
+    let driven = Rc::default();
+    let mut gated =
+        GatedBase::new(Ideal { is_simulated, driven: Rc::clone(&driven) }, &settings, EPOCH);
+    gated.begin_period(0, 0)?;
+    gated.offer(&command(), 1_000_000)?.map_err(Reason::text)?;
+    gated.advance(4_000_000)?;
+    assert_eq!(driven.get(), 1.0);
+    let lost = if gated.pass_over(300_000_000) { 300_000_000 } else { 0 };
+    gated.advance(8_000_000 + lost)?;
+    let velocity = driven.get();
+    // It answers the same state once more, after a restart of the controller.
+    let mut again = command();
+    again.stamp.epoch = 2;
+    Ok((velocity, gated.offer(&again, 8_000_000 + lost)?))
+}
+
+#[test]
+fn commands_of_a_real_robot_get_older_while_its_driver_is_suspended() -> Result<(), Box<dyn Error>>
+{
+    let (velocity, verdict) = suspended(false)?;
+    // The ramp begins after the stall: one slice of it, and no leap.
+    let ramp = Robot::example().limits.brake_mps2 * 2e-3;
+    assert!((1.0 - velocity - ramp).abs() < 1e-9, "{velocity}");
+    assert_eq!(verdict, Err(Reason::TooOld));
+    Ok(())
+}
+
+#[test]
+fn a_simulated_robot_stands_still_while_its_process_is_suspended() -> Result<(), Box<dyn Error>> {
+    assert_eq!(suspended(true)?, (1.0, Ok(())));
+    Ok(())
+}
