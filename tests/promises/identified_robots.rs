@@ -170,6 +170,7 @@ fn figures_of_twenty_random_robots() -> Outcome {
             ratios.last().ok_or("no cell")?,
             ratios.len()
         );
+        assert_eq!((ratios.len() as u64, above), (4 * ROBOTS, 0), "{controller}");
     }
     Ok(())
 }

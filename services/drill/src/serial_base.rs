@@ -56,7 +56,10 @@ pub(super) fn run(
     for round in 0..times {
         wait_until_it_drives(home, stop)?;
         thread::sleep(Duration::from_micros(random.random_range(0..100_000)));
-        fates.push(monotonic_nanos());
+        let at = monotonic_nanos();
+        fates.push(at);
+        let controller = graph::role::program(Participant::Controller);
+        let before = session.pid_named(controller);
         match fault {
             SerialFault::KilledFirmware => {
                 drop(firmware.take());
@@ -65,16 +68,23 @@ pub(super) fn run(
             }
             SerialFault::StoppedDriver => signal(&session, DRIVER, Signal::STOP)?,
             SerialFault::BadCable if round % 2 == 1 => {
-                signal(&session, graph::role::program(Participant::Controller), Signal::KILL)?;
+                signal(&session, controller, Signal::KILL)?;
                 // The driver lives on, and its robot brakes: no time is measured.
                 fates.pop();
+                wait(stop, || session.pid_named(controller).is_some_and(|it| Some(it) != before))?;
             }
             SerialFault::KilledDriver | SerialFault::BadCable => {
                 signal(&session, DRIVER, Signal::KILL)?;
             }
         }
         measured.injections += 1;
-        wait_until_it_drives(home, stop)?;
+        if fates.last() == Some(&at) {
+            wait(stop, || {
+                firmware::steps(home.folder()).is_ok_and(|steps| drives_again(&steps, at))
+            })?;
+        } else {
+            wait_until_it_drives(home, stop)?;
+        }
     }
     session.end()?;
     drop(firmware);
@@ -128,20 +138,31 @@ fn signal(session: &Session, program: &str, signal: Signal) -> Result<(), Troubl
 
 /// Waits until the robot drives, at a time after now.
 fn wait_until_it_drives(home: &Home<'_>, stop: &Stop) -> Result<(), Trouble> {
-    let (begin, now) = (Instant::now(), monotonic_nanos());
-    loop {
-        let drives = |step: Step| step.line_nanos > now && step.speed() > DRIVES;
-        if firmware::newest(home.folder()).is_some_and(drives) {
-            return Ok(());
-        }
+    let now = monotonic_nanos();
+    let drives = |step: Step| step.line_nanos > now && step.speed() > DRIVES;
+    wait(stop, || firmware::newest(home.folder()).is_some_and(drives))
+}
+
+/// Whether the motors rested after a fault at `nanos`, and a later velocity line drives the robot.
+fn drives_again(steps: &[Step], nanos: u64) -> bool {
+    let mut later = steps.iter().filter(|step| step.nanos > nanos);
+    let Some(rests) = later.by_ref().find(|step| step.target == [0.0; 3]) else { return false };
+    later.any(|step| step.line_nanos > rests.nanos && step.speed() > DRIVES)
+}
+
+/// Waits until `happens`.
+fn wait(stop: &Stop, happens: impl Fn() -> bool) -> Result<(), Trouble> {
+    let begin = Instant::now();
+    while !happens() {
         if stop.requested() {
             return Err(INTERRUPTED.into());
         }
         if begin.elapsed() > DRIVES_WITHIN {
             return Err("the robot does not drive".into());
         }
-        thread::sleep(Duration::from_millis(5));
+        thread::sleep(Duration::from_millis(50));
     }
+    Ok(())
 }
 
 /// Time from a fault at `nanos` until the motors have a target from a later velocity line, after a

@@ -52,7 +52,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     (command.fallback_level, command.input) = (FallbackLevel::FreshPlan.code(), [0.05, 0.0, 0.0]);
     for tick in 0..settings.ticks() {
         let now = tick * PERIOD_NANOS;
-        let (state, _) = driver.begin_period(tick, now)?;
+        let sensors = driver.read()?;
+        let (state, _) = driver.begin_period(tick, now, &sensors);
         command.stamp.tick = tick;
         if tick < 20 {
             driver.offer(&command, now)?.map_err(Reason::text)?;

@@ -75,21 +75,26 @@ impl<B: Base> GatedBase<B> {
         }
     }
 
-    /// Reads the sensors, and begins the period of `tick` at `now`. A base that is not simulated
-    /// has no truth.
+    /// The present measurements of the base.
     ///
     /// # Errors
     /// [`BaseError`] if the base cannot be read.
+    pub fn read(&mut self) -> Result<Sensors, BaseError> {
+        self.base.read()
+    }
+
+    /// Begins the period of `tick` at `now`, when `sensors` were read. A base that is not simulated
+    /// has no truth.
     pub fn begin_period(
         &mut self,
         tick: u64,
         now: u64,
-    ) -> Result<(PlantState, Option<Truth>), BaseError> {
+        sensors: &Sensors,
+    ) -> (PlantState, Option<Truth>) {
         self.gate.begin_period(tick, now);
-        let sensors = self.base.read()?;
         self.gate.see_pose(&sensors.pose, &sensors.velocity);
         let truth = self.base.truth().map(|truth| self.write_truth(tick, &truth));
-        Ok((self.write_state(tick, &sensors), truth))
+        (self.write_state(tick, sensors), truth)
     }
 
     /// Offers a command that arrived at `now` to the gate, and returns the verdict.

@@ -2,13 +2,13 @@
 //!
 //! A simulated world cannot advance while its process does not run. When the machine suspends the
 //! process, the world stands still for that time instead of jumping over it. The time is counted
-//! and logged. A real robot moves on: its ticks continue one after the other, but its commands are
+//! and logged. A real robot moves on, which Health and log say: its ticks continue one after the other, but its commands are
 //! older by that time, so that the gate brakes.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::{Orders, ended_with_stop};
 use crate::surroundings::Seen;
-use crate::{Base, BaseError, Settings};
+use crate::{Base, BaseError, Sensors, Settings};
 use process::{Pace, Pulse, Repeated, Stop, step_back};
 use protocol::clock::monotonic_nanos;
 use protocol::message::{
@@ -158,7 +158,10 @@ impl<'a, B: Base> Plant<'a, B> {
         let mut clock = Clock::begin();
         for tick in 0..=self.settings.ticks() {
             let (begin, end) = (tick * period, (tick + 1) * period);
-            self.publish(tick, begin + self.lost)?;
+            let sensors = self.robot.read()?;
+            // What passes until the sensors are read makes commands older, but not this state.
+            self.look(&mut clock, 0, tick);
+            self.publish(tick, begin + self.lost, &sensors)?;
             if tick == self.settings.ticks() || stop.requested() {
                 break;
             }
@@ -186,6 +189,7 @@ impl<'a, B: Base> Plant<'a, B> {
         let micros = stalled / 1000;
         if stalled > 0 && self.robot.pass_over(stalled) {
             self.lost += stalled;
+            self.pulse.health().set_last_error("the machine suspended the driver: see its log");
             tracing::warn!(
                 tick,
                 micros,
@@ -219,7 +223,8 @@ impl<'a, B: Base> Plant<'a, B> {
                 self.pulse.beat();
             }
             let begin = tick * period;
-            self.publish(tick, begin)?;
+            let sensors = self.robot.read()?;
+            self.publish(tick, begin, &sensors)?;
             while !self.answered(tick, begin)? {
                 if stop.requested() {
                     return Ok(());
@@ -236,9 +241,9 @@ impl<'a, B: Base> Plant<'a, B> {
         Ok(())
     }
 
-    fn publish(&mut self, tick: u64, now: u64) -> Result<(), RunError> {
+    fn publish(&mut self, tick: u64, now: u64, sensors: &Sensors) -> Result<(), RunError> {
         self.take_order(tick);
-        let (mut state, truth) = self.robot.begin_period(tick, now)?;
+        let (mut state, truth) = self.robot.begin_period(tick, now, sensors);
         // Before the state: the controller that receives it has the list as well.
         self.seen.publish(&mut self.robot, tick, now)?;
         self.states.send(&mut state)?;

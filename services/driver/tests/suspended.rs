@@ -61,7 +61,8 @@ fn suspended(is_simulated: bool) -> Result<(f64, Result<(), Reason>), Box<dyn Er
     let driven = Rc::default();
     let mut gated =
         GatedBase::new(Ideal { is_simulated, driven: Rc::clone(&driven) }, &settings, EPOCH);
-    gated.begin_period(0, 0)?;
+    let sensors = gated.read()?;
+    gated.begin_period(0, 0, &sensors);
     gated.offer(&command(), 1_000_000)?.map_err(Reason::text)?;
     gated.advance(4_000_000)?;
     assert_eq!(driven.get(), 1.0);

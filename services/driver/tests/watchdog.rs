@@ -52,7 +52,8 @@ fn each_velocity_has_the_time_for_which_it_may_act() -> Result<(), BaseError> {
     let base = Remembering::default();
     let calls = Rc::clone(&base.0);
     let mut driver = GatedBase::new(base, &settings, 1);
-    driver.begin_period(0, 0)?;
+    let sensors = driver.read()?;
+    driver.begin_period(0, 0, &sensors);
     driver.end_period(20_000_000)?;
     let calls = calls.borrow();
     assert_eq!(calls.len(), 20, "10 slices of 2 ms");

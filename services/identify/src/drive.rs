@@ -24,7 +24,9 @@ const STEEP: f64 = 0.8;
 
 /// Largest planar speed if none is given \[m/s\].
 pub const SPEED_MPS: f64 = 0.5;
-/// The same per acceleration that the robot file allows \[s\]. A robot with a long dead time is up
+/// Smallest: a slower robot hardly moves \[m/s\].
+const SPEED_LEAST_MPS: f64 = 0.1;
+/// Largest planar speed per acceleration that the robot file allows \[s\]. A robot with a long dead time is up
 /// to this time behind a step, and the feedback asks for twice the distance as a change of the
 /// input. It would swing if the limit of that change were reached.
 const SPEED_PER_ACCELERATION_S: f64 = 0.25;
@@ -109,7 +111,8 @@ pub fn prepare(
             return Err(DriveError::Area { least: extent.map(|extent| 4.0 * extent) });
         }
     }
-    let slow_enough = SPEED_MPS.min(SPEED_PER_ACCELERATION_S * limits.input_rate_mps2);
+    let slow_enough =
+        (SPEED_PER_ACCELERATION_S * limits.input_rate_mps2).clamp(SPEED_LEAST_MPS, SPEED_MPS);
     let room = Room {
         size_m: [0, 1].map(|side| wanted.area[side] - 2.0 * extent[side]),
         speed_mps: wanted.speed.unwrap_or(slow_enough).min(limits.input_mps),

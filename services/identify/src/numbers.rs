@@ -78,9 +78,12 @@ impl Known<'_> {
     pub fn input_from_rest(&self, axis: usize) -> Option<Measured> {
         let dry = self.estimate.of(Parameter::Friction(axis))?;
         let stuck = self.estimate.of(Parameter::Stiction(axis))?;
-        let value = self.estimate.response.breakaway()[axis];
+        let response = &self.estimate.response;
+        // A velocity of the axis, and the input that asks for it.
+        let value = response.breakaway()[axis] / response.gain[axis][axis];
         let share = value / (dry.value + stuck.value);
-        Some(Measured { value, half_width: share * dry.half_width.hypot(stuck.half_width) })
+        let half_width = share * dry.half_width.hypot(stuck.half_width);
+        Some(Measured { value, half_width }).filter(|_| half_width.is_finite() && half_width > 0.0)
     }
 
     /// What is not a parameter of the response: friction at standstill, accelerations, wheels and

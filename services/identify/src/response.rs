@@ -94,8 +94,8 @@ impl Response {
         self.integral_per_s.iter().any(|&integral| integral != 0.0)
     }
 
-    /// Most dry friction at any speed of one axis, as a velocity \[m/s, m/s, rad/s\]: an axis at
-    /// rest needs this input before it drives off.
+    /// Most dry friction at any speed of one axis, as the velocity that it costs
+    /// \[m/s, m/s, rad/s\]: an axis at rest drives off once K u is larger.
     pub fn breakaway(&self) -> Velocity {
         let of = |rim: f64, axis: usize| {
             let slow = (-(rim / STICTION_SPEED_MPS).powi(2)).exp();

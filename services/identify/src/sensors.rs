@@ -14,6 +14,9 @@ use robot::{AXES, Velocity, Wheels};
 
 /// Time over which displacements by pose and by wheels are compared \[s\].
 const APART_S: f64 = 0.5;
+/// Least root mean square of such displacements that tells a ratio \[m, m, rad\]: an axis that rests
+/// only has noise.
+const APART_LEAST: f64 = 0.03;
 /// Length of the blocks whose noise is compared \[s\].
 const BLOCK_S: f64 = 2.0;
 /// Half width of a 95 % interval, in standard deviations.
@@ -167,7 +170,12 @@ fn per_wheels(log: &Log, wheels: &Wheels) -> [Option<Measured>; AXES] {
             (0..AXES).for_each(|axis| pairs[axis].push((by_wheels[axis], by_pose[axis])));
         }
     }
-    pairs.map(|pairs| slope(&pairs, 2 * apart).filter(|ratio| ratio.half_width < 0.2))
+    pairs.map(|pairs| {
+        let squares: f64 = pairs.iter().map(|(by_wheels, _)| by_wheels * by_wheels).sum();
+        let is_moved = squares > APART_LEAST.powi(2) * pairs.len() as f64;
+        let ratio = slope(&pairs, 2 * apart).filter(|_| is_moved);
+        ratio.filter(|ratio| ratio.value > 0.0 && ratio.half_width < 0.2 * ratio.value)
+    })
 }
 
 #[cfg(test)]

@@ -115,7 +115,7 @@ fn true_response(truth: &Truth) -> Response {
     response
 }
 
-/// Most dry friction of each axis at any speed, as a velocity \[m/s, m/s, rad/s\].
+/// Input that overcomes the dry friction of each axis at any speed \[m/s, m/s, rad/s\].
 fn most_friction(truth: &Truth) -> [f64; 3] {
     let of = |speed: f64| {
         let stuck =
@@ -123,7 +123,8 @@ fn most_friction(truth: &Truth) -> [f64; 3] {
         (1.0 + stuck) * (speed / truth.rolling_friction_speed_scale_radps).tanh()
     };
     let most = (0..1000).map(|step| of(f64::from(step) * 0.01)).fold(0.0, f64::max);
-    true_response(truth).friction.map(|dry| dry * most)
+    let response = true_response(truth);
+    std::array::from_fn(|axis| response.friction[axis] * most / response.gain[axis][axis])
 }
 
 struct Judged {
