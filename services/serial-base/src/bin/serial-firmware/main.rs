@@ -56,6 +56,8 @@ fn main() -> anyhow::Result<()> {
         if let Some(record) = &mut record {
             record.write(now, &firmware.motors, firmware.rejected)?;
         }
+        // After the row: a firmware that is killed in between has sent nothing that has none.
+        firmware.send(&terminal, now)?;
         thread::sleep(STEP);
     }
     Ok(())
@@ -109,6 +111,11 @@ impl Firmware {
             self.outgoing.put(now, text.trim_end().as_bytes());
             self.sequence += 1;
         }
+        Ok(())
+    }
+
+    /// Sends the lines that have arrived at the end of the cable.
+    fn send(&mut self, terminal: &Terminal, now: u64) -> anyhow::Result<()> {
         while let Some(mut line) = self.outgoing.take(now) {
             line.push(b'\n');
             terminal.send(&line)?;
