@@ -151,6 +151,28 @@ fn the_motors_stop_by_themselves_when_the_driver_hangs_and_drive_again_later() -
 }
 
 #[test]
+fn the_gate_brakes_after_a_time_in_which_the_driver_was_suspended() -> Outcome {
+    // The launcher does not take the suspension for a hang.
+    let patient = "[processes.plant]\nhung_after_millis = 60000\n";
+    let rig = Rig::new(&[], patient, &["--duration", "8"])?;
+    rig.wait_until_it_drives()?;
+    let pid = rig.launched.process("serial-base", None)?;
+    signal(pid, Signal::STOP)?;
+    // Five periods: more than the three for which a command may act.
+    thread::sleep(Duration::from_millis(500));
+    signal(pid, Signal::CONT)?;
+    rig.wait_until_it_drives()?;
+    assert_eq!(rig.launched.process("serial-base", None)?, pid);
+    let (ended, home) = rig.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    acquit(&steps(home.path())?);
+    let record = Record::read(&home.path().join("run"))?;
+    let levels: Vec<&str> = record.of("state").map(|state| state.word("fallback_level")).collect();
+    assert!(levels.contains(&"brake"), "no brake after the suspension: {levels:?}");
+    Ok(())
+}
+
+#[test]
 fn a_firmware_that_dies_and_returns_is_driven_again() -> Outcome {
     let mut rig = Rig::new(&[], "", &["--duration", "8"])?;
     rig.wait_until_it_drives()?;

@@ -2,8 +2,9 @@
 //!
 //! A simulated world cannot advance while its process does not run. When the machine suspends the
 //! process, the world stands still for that time instead of jumping over it. The time is counted
-//! and logged. A real robot moves on, which Health and log say: its ticks continue one after the other, but its commands are
-//! older by that time, so that the gate brakes.
+//! and logged. A real robot moves on: its ticks continue one after the other, but its commands are
+//! older by that time, so that the gate brakes. The log has each such time, and Health those of a
+//! period or more.
 
 use crate::gated::{GatedBase, SLICE_NANOS};
 use crate::orders::{Orders, ended_with_stop};
@@ -189,7 +190,9 @@ impl<'a, B: Base> Plant<'a, B> {
         let micros = stalled / 1000;
         if stalled > 0 && self.robot.pass_over(stalled) {
             self.lost += stalled;
-            self.pulse.health().set_last_error("the machine suspended the driver: see its log");
+            if stalled >= self.settings.run.period_nanos {
+                self.pulse.health().set_last_error("the machine suspended the driver: see its log");
+            }
             tracing::warn!(
                 tick,
                 micros,

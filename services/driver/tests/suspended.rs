@@ -1,5 +1,5 @@
-//! Promise: no command drives a real robot that is older than three periods, also if the machine has
-//! suspended the driver. A simulated robot stands still in that time.
+//! Promise: no command drives a real robot that is older than three periods, also if the machine
+//! has suspended the driver. A simulated robot stands still in that time.
 
 use driver::gated::GatedBase;
 use driver::{Base, BaseError, Sensors, Settings, TrueState};

@@ -26,9 +26,9 @@ const STEEP: f64 = 0.8;
 pub const SPEED_MPS: f64 = 0.5;
 /// Smallest: a slower robot hardly moves \[m/s\].
 const SPEED_LEAST_MPS: f64 = 0.1;
-/// Largest planar speed per acceleration that the robot file allows \[s\]. A robot with a long dead time is up
-/// to this time behind a step, and the feedback asks for twice the distance as a change of the
-/// input. It would swing if the limit of that change were reached.
+/// Largest planar speed per acceleration that the robot file allows \[s\]. A robot with a long dead
+/// time is up to this time behind a step, and the feedback asks for twice the distance as a change
+/// of the input. It would swing if the limit of that change were reached.
 const SPEED_PER_ACCELERATION_S: f64 = 0.25;
 
 /// Why nothing was driven.

@@ -14,8 +14,8 @@ use robot::{AXES, Velocity, Wheels};
 
 /// Time over which displacements by pose and by wheels are compared \[s\].
 const APART_S: f64 = 0.5;
-/// Least root mean square of such displacements that tells a ratio \[m, m, rad\]: an axis that rests
-/// only has noise.
+/// Least root mean square of such displacements that tells a ratio \[m, m, rad\]: an axis that
+/// rests only has noise.
 const APART_LEAST: f64 = 0.03;
 /// Length of the blocks whose noise is compared \[s\].
 const BLOCK_S: f64 = 2.0;
