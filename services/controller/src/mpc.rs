@@ -152,9 +152,9 @@ pub struct Spent {
     pub solve_nanos: u64,
 }
 
-/// The point about which a program is written: the present plan, predicted and linearised.
+/// The present plan, predicted and linearised: the point about which a program is written.
 #[derive(Clone, Copy)]
-struct Outlook<'a> {
+struct PresentPlan<'a> {
     stages: &'a [Stage],
     terminal: &'a State,
     last_input: &'a Velocity,
@@ -163,7 +163,7 @@ struct Outlook<'a> {
     tightening: Option<&'a Tightening>,
 }
 
-impl Outlook<'_> {
+impl PresentPlan<'_> {
     /// State at the start of period `k`; after the last one the terminal state.
     fn state(&self, k: usize) -> &State {
         self.stages.get(k).map_or(self.terminal, |stage| &stage.state)

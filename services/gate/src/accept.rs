@@ -8,6 +8,17 @@ const AGE_LIMIT_HALF_PERIODS: u64 = 3;
 /// Silence of a writer after which another writer of the same epoch is accepted \[periods\].
 pub(crate) const SILENCE_PERIODS: u64 = 3;
 
+/// The controller whose commands are accepted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Writer {
+    /// Its epoch, the highest so far.
+    pub epoch: u64,
+    /// Its number, which no other process of the epoch has.
+    pub number: u64,
+    /// Time of its last command \[ns\].
+    pub last_nanos: u64,
+}
+
 /// State of the gate when a command arrives.
 #[derive(Debug, Clone, Copy)]
 pub struct AtArrival {
@@ -15,13 +26,15 @@ pub struct AtArrival {
     pub plant_epoch: u64,
     /// Its present tick.
     pub tick: u64,
+    /// Time of the arrival \[ns\].
+    pub now: u64,
     /// Time since the publication of the state that the command answers \[ns\]; `None` if it is no
     /// longer stored.
     pub age_nanos: Option<u64>,
     /// Controller epoch and tick of the last accepted command.
     pub accepted: Option<(u64, u64)>,
-    /// Highest controller epoch so far, its writer, and the time since its last command \[ns\].
-    pub writer: Option<(u64, u64, u64)>,
+    /// Whose commands are accepted, once there was one.
+    pub writer: Option<Writer>,
     /// Input that acts at this moment.
     pub acting: [f64; 3],
     /// Input that acted when the period began.
@@ -81,12 +94,12 @@ pub fn judge(command: &Command, at: &AtArrival, bounds: &Bounds) -> Result<(), R
 /// The higher of two epochs wins. Of two writers of the same epoch the first wins until it is
 /// silent.
 fn judge_writer(command: &Command, at: &AtArrival, bounds: &Bounds) -> Result<(), Reason> {
-    let Some((epoch, writer, silent_nanos)) = at.writer else { return Ok(()) };
-    if command.stamp.epoch < epoch {
+    let Some(writer) = at.writer else { return Ok(()) };
+    if command.stamp.epoch < writer.epoch {
         return Err(Reason::OldEpoch);
     }
-    let another = command.stamp.epoch == epoch && command.stamp.writer != writer;
-    if another && silent_nanos < SILENCE_PERIODS * bounds.period_nanos {
+    let another = command.stamp.epoch == writer.epoch && command.stamp.writer != writer.number;
+    if another && at.now.saturating_sub(writer.last_nanos) < SILENCE_PERIODS * bounds.period_nanos {
         return Err(Reason::SecondWriter);
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! The gate: stores the accepted command, and decides the input of the wheels at every moment.
 
 use crate::Bounds;
-use crate::accept::{self, judge};
+use crate::accept::{AtArrival, Writer, judge};
 use crate::arbiter::{self, Accepted, Choice, RECOVERY_PERIODS};
 use crate::machine::{Machine, Order, OrderError};
 use crate::protection::{Before, Protection, Slowed, TooManyObstacles};
@@ -53,8 +53,7 @@ pub struct Gate {
     /// (tick, time) of the last published states.
     published: [(u64, u64); REMEMBERED],
     stored: Option<Stored>,
-    /// Highest epoch, its writer, and the time of its last command.
-    writer: Option<(u64, u64, u64)>,
+    writer: Option<Writer>,
     input: Velocity,
     /// Value of `input` when the period began.
     begun_with: Velocity,
@@ -69,9 +68,9 @@ pub struct Gate {
     /// The surroundings, if they are known.
     protection: Option<Box<Protection>>,
     /// Why the last command of the present period was slowed.
-    slowed: Reason,
-    /// The command that the last output is slower than, and why.
-    slows: Option<(Velocity, Reason)>,
+    slowed_in_period: Reason,
+    /// Input of the command that the last output is slower than, and why.
+    slowed_command: Option<(Velocity, Reason)>,
 }
 
 impl Gate {
@@ -93,8 +92,8 @@ impl Gate {
             refused: 0,
             refusal: Reason::None,
             protection: None,
-            slowed: Reason::None,
-            slows: None,
+            slowed_in_period: Reason::None,
+            slowed_command: None,
         }
     }
 
@@ -120,7 +119,7 @@ impl Gate {
         }
         self.refusal = Reason::None;
         self.begun_with = self.input;
-        self.slowed = Reason::None;
+        self.slowed_in_period = Reason::None;
     }
 
     /// Sets pose and body velocity, as measured when the period began. Until the next measurement
@@ -156,28 +155,31 @@ impl Gate {
     /// # Errors
     /// The [`Reason`] why it will not act.
     pub fn offer(&mut self, command: &Command, now: u64) -> Result<(), Reason> {
-        let at_arrival = accept::AtArrival {
+        let at_arrival = AtArrival {
             plant_epoch: self.plant_epoch,
             tick: self.tick,
+            now,
             age_nanos: self.published_at(command.stamp.tick).map(|at| now.saturating_sub(at)),
             accepted: self.accepted(),
-            writer: self
-                .writer
-                .map(|(epoch, writer, heard)| (epoch, writer, now.saturating_sub(heard))),
+            writer: self.writer,
             acting: self.input,
             begun_with: self.begun_with,
-            slowed: self.slows.map(|(asked, _)| asked),
+            slowed: self.slowed_command.map(|(asked, _)| asked),
         };
         if let Err(reason) = judge(command, &at_arrival, &self.bounds) {
             self.refuse(reason);
-            if let Some((epoch, writer, heard)) = &mut self.writer
-                && (*epoch, *writer) == (command.stamp.epoch, command.stamp.writer)
+            if let Some(writer) = &mut self.writer
+                && (writer.epoch, writer.number) == (command.stamp.epoch, command.stamp.writer)
             {
-                *heard = now; // rejected, but not silent
+                writer.last_nanos = now; // rejected, but not silent
             }
             return Err(reason);
         }
-        self.writer = Some((command.stamp.epoch, command.stamp.writer, now));
+        self.writer = Some(Writer {
+            epoch: command.stamp.epoch,
+            number: command.stamp.writer,
+            last_nanos: now,
+        });
         let answered_nanos = self.published_at(command.stamp.tick).unwrap_or(now);
         self.stored = Some(Stored { command: *command, answered_nanos });
         // Only an answer to the present period leaves the brake. It was judged by the present wheel
@@ -221,10 +223,10 @@ impl Gate {
             None => Slowed::not([0.0; 3]),
         };
         self.input = input;
-        self.slows = asked.filter(|_| slowed != Reason::None).map(|asked| (asked, slowed));
+        self.slowed_command = asked.filter(|_| slowed != Reason::None).map(|asked| (asked, slowed));
         let reason = if slowed == Reason::None { reason } else { slowed };
         if slowed != Reason::None {
-            self.slowed = slowed;
+            self.slowed_in_period = slowed;
         }
         if choice == Choice::Brake && !self.braking {
             self.braking = true;
@@ -281,8 +283,8 @@ impl Gate {
             fallback_level,
             FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop
         );
-        if driven && self.slowed != Reason::None {
-            return (fallback_level, self.slowed);
+        if driven && self.slowed_in_period != Reason::None {
+            return (fallback_level, self.slowed_in_period);
         }
         (fallback_level, self.explain(reason))
     }
@@ -317,7 +319,7 @@ impl Gate {
 
     /// Highest controller epoch that was accepted.
     pub fn controller_epoch(&self) -> u64 {
-        self.writer.map_or(0, |(epoch, ..)| epoch)
+        self.writer.map_or(0, |writer| writer.epoch)
     }
 
     /// Epoch and tick of the last accepted command.
@@ -336,7 +338,7 @@ impl Gate {
         let before = Before {
             input: self.input,
             begun_with: self.begun_with,
-            slowed: self.slows.map_or(Reason::None, |(_, reason)| reason),
+            slowed: self.slowed_command.map_or(Reason::None, |(_, reason)| reason),
             elapsed_nanos: elapsed,
         };
         protection.slow(&self.bounds, input, &before, now)

@@ -240,6 +240,7 @@ pub fn identify(
     }
     log.check()?;
     check_speed(&log, given)?;
+    log.check_wheels(&given.wheels)?;
     let mut terminal = Terminal::new();
     for note in &log.notes {
         terminal.say(format_args!("identify: {note}"));
@@ -259,12 +260,13 @@ pub fn identify(
     };
     let errors = [("identified", ahead(&first.response)), ("robot file given", ahead(&stated))];
     let source = logs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
-    let recommended = recommendation(&estimate);
-    let sensors = sensors(&log, wheels, &fit::errors(&log, wheels, &estimate.response));
-    let reached = reached(&log, wheels, &estimate.response);
+    let beside = fit::beside(&log, wheels, &estimate.response);
+    let sensors = sensors(&log, wheels, &beside);
+    let reached = reached(log.period_s, &beside);
     let known = Known { estimate: &estimate, reached: &reached, sensors: &sensors, wheels };
     let untold = untold(&known);
     let robot = robot_file::robot(given, &estimate);
+    let recommended = recommendation(&robot.response.unwrap_or_default(), axes);
     robot.check().map_err(|impossible| IdentifyError::Impossible {
         key: impossible.key,
         found: format!("{:?}", robot.response.unwrap_or_default()),

@@ -7,12 +7,18 @@
 //!    Huber), so that a collision or a slip does not decide.
 //!    Once without and once with integral parts, which are kept if they explain the data clearly
 //!    better: where there are none, they would make the gain uncertain.
-//! 3. **Limits.** A largest acceleration or deceleration is added to an axis where that explains
-//!    the data clearly better.
-//! 4. **Stiction.** More friction at standstill is added to all axes in the same way.
-//! 5. **Intervals.** Errors are correlated in time (a random force acts for a while), so the
-//!    covariance is that of Newey and West, 1987: H⁻¹ (Σ_l w_l Σ_k g_k g_{k+l}ᵀ) H⁻¹ with the
-//!    gradients g_k of one period, H = JᵀJ and the weights w_l = 1 − l/(L + 1).
+//! 3. **Stiction.** More friction at standstill is added to all axes where it explains the data
+//!    clearly better. In the end stiction and integral parts are left out on axes whose interval
+//!    does not exclude that there are none.
+//! 4. **Noise.** A random force acts for a while, so errors are correlated in time. From here on,
+//!    the mean errors of a tenth of a second count, and of them what is new (module `noise`).
+//!    Faster errors are the sensor's noise, and what the response leaves out.
+//! 5. **Limits.** The saturation of the drives, and a largest acceleration or deceleration of an
+//!    axis are added in the same way as stiction. Then follows the last fit.
+//! 6. **Intervals** are those of a fit of all errors as they are. They are a little wider than
+//!    those of the last fit, which leave out how forces act on the friction. The covariance is that
+//!    of Newey and West, 1987, as errors are correlated: H⁻¹ (Σ_l w_l Σ_k g_k g_{k+l}ᵀ) H⁻¹ with
+//!    the gradients g_k of one period, H = JᵀJ and the weights w_l = 1 − l/(L + 1).
 //!
 //! Drag and dry friction can hardly be told apart at the speeds of one drive, so the drag has a
 //! prior: 0 with a standard deviation of 0.01 s/m, which is 1 % of the speed at 1 m/s.
@@ -23,15 +29,20 @@
 //! Levenberg–Marquardt as in Moré, 1978 (crate `levenberg-marquardt`). Prediction over a long
 //! horizon: Ljung, *System Identification*, 1999, sections 5.2 and 7.2.
 
-use crate::log::Log;
+mod intervals;
+mod noise;
+mod problem;
+
+use crate::log::{Log, Sample};
 use crate::parameter::Parameter;
-use crate::response::{Response, Simulation};
+use crate::response::{Motion, Response, Simulation};
+use crate::sensors::Measured;
 use crate::start;
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::storage::Owned;
-use nalgebra::{DMatrix, DVector, Dyn};
+use levenberg_marquardt::LevenbergMarquardt;
+use nalgebra::{DMatrix, DVector};
+use noise::Noise;
+use problem::Problem;
 use robot::{AXES, Velocity, Wheels};
-use std::thread;
 
 /// Error above which it counts linearly, in multiples of the scatter.
 const LARGE: f64 = 2.5;
@@ -42,15 +53,20 @@ const SCATTER_MIN: f64 = 5e-4;
 const CORRELATED_S: f64 = 0.3;
 /// Time after which no correlation is left \[s\].
 const UNCORRELATED_S: f64 = 1.0;
-/// Half width of a 95 % interval of independent errors, in standard deviations.
-const WIDTH_95: f64 = 1.96;
 /// Standard deviation of the drag before any data \[s/m\].
 const DRAG_PRIOR_S_PER_M: f64 = 0.01;
+/// Share of cost and parameters within which the last fit ends.
+const EXACT: f64 = 1e-7;
+/// The same of a fit that is compared with others.
+const COMPARED: f64 = 1e-4;
 /// Evaluations per fit, in multiples of the parameters.
 const PATIENCE: usize = 30;
-/// Share of the cost by which integral parts, a limit of the acceleration, or stiction must lower
-/// it.
+/// Share of the cost by which integral parts or stiction must lower it.
 const WORTH: f64 = 0.05;
+/// The same of a limit, which acts for a small share of the time.
+const WORTH_OF_LIMIT: f64 = 0.01;
+/// Time over which errors are averaged in the last fit \[s\].
+const BLOCK_S: f64 = 0.1;
 /// Samples at the begin of a stretch whose input in the past is not known \[s\].
 const PAST_S: f64 = 0.6;
 
@@ -63,6 +79,8 @@ pub struct Estimate {
     pub axes: [bool; AXES],
     /// What was estimated.
     pub parameters: Vec<Estimated>,
+    /// Their covariance, so scaled that its diagonal has the squares of their half widths.
+    pub covariance: DMatrix<f64>,
     /// Whether the last fit ended at a minimum.
     pub is_converged: bool,
 }
@@ -83,12 +101,50 @@ impl Estimate {
     pub fn of(&self, parameter: Parameter) -> Option<Estimated> {
         self.parameters.iter().copied().find(|estimated| estimated.parameter == parameter)
     }
+
+    /// Σ w p over parameters p and their weights w, with its interval, if all were estimated.
+    pub fn sum(&self, terms: &[(Parameter, f64)]) -> Option<Measured> {
+        let (mut value, mut variance) = (0.0, 0.0);
+        let places: Option<Vec<usize>> = terms.iter().map(|(it, _)| self.place(*it)).collect();
+        let places = places?;
+        for ((_, weight), &row) in terms.iter().zip(&places) {
+            value += weight * self.parameters[row].value;
+            for ((_, other), &column) in terms.iter().zip(&places) {
+                variance += weight * other * self.covariance[(row, column)];
+            }
+        }
+        Some(Measured { value, half_width: variance.max(0.0).sqrt() })
+    }
+
+    fn place(&self, parameter: Parameter) -> Option<usize> {
+        self.parameters.iter().position(|estimated| estimated.parameter == parameter)
+    }
 }
 
-/// Differences of measured and simulated velocity, period by period \[m/s, m/s, rad/s\].
-pub fn errors(log: &Log, wheels: &Wheels, response: &Response) -> Vec<Velocity> {
-    let simulations = simulations(log, wheels);
-    Fit::new(log, &simulations, [true; AXES]).errors(response)
+/// A measurement beside the simulated velocity at the same time \[m/s, m/s, rad/s\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Beside {
+    /// The measurement.
+    pub sample: Sample,
+    /// The velocity of the simulation, which follows from the inputs alone.
+    pub simulated: Velocity,
+}
+
+/// The samples of each stretch of `log` beside a simulation of `response`, without the begin of the
+/// stretch, whose inputs in the past are not known.
+pub fn beside(log: &Log, wheels: &Wheels, response: &Response) -> Vec<Vec<Beside>> {
+    let skipped = skipped(log);
+    let both = simulations(log, wheels).into_iter().map(|simulation| {
+        let run = simulation.whole(response).into_iter().map(|motion| motion.velocity);
+        let pairs = simulation.samples().iter().skip(1).zip(run).skip(skipped);
+        pairs.map(|(&sample, simulated)| Beside { sample, simulated }).collect()
+    });
+    both.collect()
+}
+
+/// Samples at the begin of a stretch that do not count.
+fn skipped(log: &Log) -> usize {
+    (PAST_S / log.period_s).ceil() as usize
 }
 
 fn simulations<'a>(log: &'a Log, wheels: &'a Wheels) -> Vec<Simulation<'a>> {
@@ -107,104 +163,147 @@ pub fn estimate(
 ) -> Estimate {
     let simulations = simulations(log, wheels);
     let mut fit = Fit::new(log, &simulations, axes);
+    let lags = (UNCORRELATED_S / log.period_s).ceil() as usize;
     progress("starts");
     let starts = match near {
         Some(near) => [vec![near.plain()], Vec::new()],
         None => [false, true].map(|has_integral| start::starts(log, axes, has_integral)),
     };
-    let first = starts[0].first().copied().unwrap_or_default();
-    fit.scale = fit.scatter(&first);
-    let mut kinds = starts.map(|starts| {
-        let has_integral = starts.iter().any(Response::has_integral);
-        let parameters = Parameter::of_axes(axes, has_integral);
-        let tried = starts.iter().enumerate().map(|(number, start)| {
-            progress(&format!("fit {} of {}", number + 1, starts.len()));
-            fit.minimise(start, &parameters)
-        });
-        let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
-        (best.unwrap_or((f64::INFINITY, first, false)), parameters)
-    });
-    kinds[1].0.0 /= 1.0 - WORTH;
-    let [without, with] = kinds;
-    let ((_, mut response, _), mut parameters) =
-        if with.0.0 < without.0.0 { with } else { without };
-    fit.scale = fit.scatter(&response);
-    progress("limits of the acceleration");
-    let mut cost = fit.minimise(&response, &parameters);
-    response = cost.1;
-    for limit in limits(axes) {
-        let Some(start) = fit.limited(&response, limit, cost.0) else { continue };
-        let mut with = parameters.clone();
-        with.push(limit);
-        let tried = fit.minimise(&start, &with);
-        if tried.0 < (1.0 - WORTH) * cost.0 {
-            (cost, response, parameters) = (tried, tried.1, with);
-        }
-    }
+    let mut found = fit.best_of(starts, progress);
+    fit.scale = fit.scatter(&found.response);
     progress("stiction");
-    let stuck = (0..AXES).filter(|&axis| axes[axis]).map(Parameter::Stiction);
-    let with: Vec<Parameter> = parameters.iter().copied().chain(stuck).collect();
-    let tried = fit.minimise(&fit.sticking(&response), &with);
-    if tried.0 < (1.0 - WORTH) * cost.0 {
-        (response, parameters) = (tried.1, with);
-    }
-    fit.scale = fit.scatter(&response);
-    let last = fit.minimise(&response, &parameters);
-    response = last.1;
+    found = fit.with_stiction(fit.minimise(&found.response, found.parameters, COMPARED));
+    fit.whiten(&found.response);
+    progress("limits");
+    found = fit.with_limits(fit.minimise(&found.response, found.parameters, COMPARED));
     progress("intervals");
-    let lags = (UNCORRELATED_S / log.period_s).ceil() as usize;
-    let half_widths = fit.half_widths(&response, &parameters, lags);
-    let estimated = parameters.iter().zip(half_widths).map(|(&parameter, half_width)| Estimated {
-        parameter,
-        value: parameter.of(&response),
-        half_width,
-    });
-    Estimate { response, axes, parameters: estimated.collect(), is_converged: last.2 }
+    let covariance = loop {
+        fit.whiten(&found.response);
+        found = fit.minimise(&found.response, found.parameters, EXACT);
+        fit.count_all(&found.response);
+        let covariance = fit.covariance(&found.response, &found.parameters, lags);
+        if !found.leave_out_absent(&covariance) {
+            break covariance;
+        }
+    };
+    found.estimate(axes, covariance)
 }
 
-fn limits(axes: [bool; AXES]) -> Vec<Parameter> {
-    let moved = (0..AXES).filter(|&axis| axes[axis]);
-    moved.flat_map(|axis| [Parameter::Acceleration(axis), Parameter::Braking(axis)]).collect()
+/// Where a fit ended.
+#[derive(Debug, Clone)]
+struct Found {
+    cost: f64,
+    response: Response,
+    /// What was free.
+    parameters: Vec<Parameter>,
+    /// Whether it is a minimum.
+    is_converged: bool,
+}
+
+impl Found {
+    /// Leaves out stiction and integral parts that are not above 0 by more than their interval.
+    /// Whether there were any.
+    fn leave_out_absent(&mut self, covariance: &DMatrix<f64>) -> bool {
+        let before = self.parameters.len();
+        let mut index = 0..before;
+        let response = &mut self.response;
+        self.parameters.retain(|&parameter| {
+            let variance = index.next().map_or(0.0, |index| covariance[(index, index)]);
+            let may_be_absent =
+                matches!(parameter, Parameter::Stiction(_) | Parameter::Integral(_));
+            let stays = !may_be_absent || parameter.of(response) > variance.sqrt();
+            if !stays {
+                parameter.set(response, 0.0);
+            }
+            stays
+        });
+        self.parameters.len() < before
+    }
+
+    fn estimate(self, axes: [bool; AXES], covariance: DMatrix<f64>) -> Estimate {
+        let Self { response, parameters, is_converged, .. } = self;
+        let estimated = parameters.iter().enumerate().map(|(index, &parameter)| Estimated {
+            parameter,
+            value: parameter.of(&response),
+            half_width: covariance[(index, index)].sqrt(),
+        });
+        let parameters = estimated.collect();
+        Estimate { response, axes, parameters, covariance, is_converged }
+    }
 }
 
 /// The data of a fit.
 struct Fit<'a> {
     simulations: &'a [Simulation<'a>],
+    period_s: f64,
     /// Samples at the begin of each stretch that do not count.
     skipped: usize,
     axes: [bool; AXES],
     scale: Velocity,
-    /// Number of periods over which errors are correlated.
+    /// Periods of which the mean error counts.
+    block: usize,
+    noise: [Noise; AXES],
+    /// Number of periods over which what counts is correlated.
     correlated: f64,
 }
 
 impl<'a> Fit<'a> {
     fn new(log: &Log, simulations: &'a [Simulation<'a>], axes: [bool; AXES]) -> Self {
-        let skipped = (PAST_S / log.period_s).ceil() as usize;
-        let correlated = (CORRELATED_S / log.period_s).max(1.0);
-        Self { simulations, skipped, axes, scale: [1.0; AXES], correlated }
-    }
-
-    /// Errors of all moved axes, period by period \[m/s, m/s, rad/s\].
-    fn errors(&self, response: &Response) -> Vec<Velocity> {
-        let mut errors = Vec::new();
-        for simulation in self.simulations {
-            let samples = simulation.samples();
-            let run = simulation.whole(response).into_iter().map(|motion| motion.velocity);
-            let measured = samples.iter().skip(1).map(|sample| sample.velocity);
-            let pairs = measured.zip(run).skip(self.skipped);
-            errors.extend(pairs.map(|(measured, simulated)| {
-                std::array::from_fn(|axis| {
-                    if self.axes[axis] { measured[axis] - simulated[axis] } else { 0.0 }
-                })
-            }));
+        Self {
+            simulations,
+            period_s: log.period_s,
+            skipped: skipped(log),
+            axes,
+            scale: [1.0; AXES],
+            block: 1,
+            noise: [noise::WHITE; AXES],
+            correlated: (CORRELATED_S / log.period_s).max(1.0),
         }
-        errors
     }
 
-    /// Scatter of the errors: 1.48 times their median magnitude.
+    /// Mean errors of each block, of each stretch and axis; 0 on an axis that is not moved
+    /// \[m/s, m/s, rad/s\].
+    fn errors(&self, response: &Response) -> Vec<[Vec<f64>; AXES]> {
+        let of_stretch = |simulation: &Simulation<'_>| {
+            let run = simulation.whole(response);
+            let measured = simulation.samples().iter().skip(1);
+            let pairs = || measured.clone().zip(&run).skip(self.skipped);
+            std::array::from_fn(|axis| {
+                let error = |(sample, motion): (&Sample, &Motion)| {
+                    if self.axes[axis] {
+                        sample.velocity[axis] - motion.velocity[axis]
+                    } else {
+                        0.0
+                    }
+                };
+                let errors: Vec<f64> = pairs().map(error).collect();
+                let blocks = errors.chunks_exact(self.block);
+                blocks.map(|block| block.iter().sum::<f64>() / self.block as f64).collect()
+            })
+        };
+        self.simulations.iter().map(of_stretch).collect()
+    }
+
+    /// What is new in the errors of each block \[m/s, m/s, rad/s\].
+    fn innovations(&self, response: &Response) -> Vec<Velocity> {
+        let mut all = Vec::new();
+        for errors in self.errors(response) {
+            let mut axis = 0..AXES;
+            let [mut ahead, mut side, mut yaw] = errors.map(|errors| {
+                let noise = axis.next().map_or(noise::WHITE, |axis| self.noise[axis]);
+                noise.innovations(errors.into_iter())
+            });
+            while let (Some(ahead), Some(side), Some(yaw)) = (ahead.next(), side.next(), yaw.next())
+            {
+                all.push([ahead, side, yaw]);
+            }
+        }
+        all
+    }
+
+    /// Scatter of what is new in the errors: 1.48 times its median magnitude.
     fn scatter(&self, response: &Response) -> Velocity {
-        let errors = self.errors(response);
+        let errors = self.innovations(response);
         std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> = errors.iter().map(|error| error[axis].abs()).collect();
             sizes.sort_by(f64::total_cmp);
@@ -213,10 +312,32 @@ impl<'a> Fit<'a> {
         })
     }
 
+    /// From now on what is new in the mean errors of blocks counts, as it is with `response`.
+    fn whiten(&mut self, response: &Response) {
+        self.block = ((BLOCK_S / self.period_s).round() as usize).max(1);
+        self.noise = [noise::WHITE; AXES];
+        self.scale = self.scatter(response);
+        let errors = self.errors(response);
+        self.noise = std::array::from_fn(|axis| {
+            let stretches = errors.iter().map(|errors| &errors[axis][..]);
+            Noise::of(stretches, LARGE * self.scale[axis])
+        });
+        self.scale = self.scatter(response);
+        self.correlated = 1.0;
+    }
+
+    /// From now on every error counts as it is.
+    fn count_all(&mut self, response: &Response) {
+        self.block = 1;
+        self.noise = [noise::WHITE; AXES];
+        self.scale = self.scatter(response);
+        self.correlated = (CORRELATED_S / self.period_s).max(1.0);
+    }
+
     /// Errors as they count, period by period and axis by axis, and last the distance from the
     /// prior.
     fn residuals(&self, response: &Response) -> DVector<f64> {
-        let errors = self.errors(response);
+        let errors = self.innovations(response);
         let counted = errors.iter().flat_map(|error| {
             (0..AXES).map(|axis| {
                 let error = error[axis] / self.scale[axis];
@@ -231,31 +352,77 @@ impl<'a> Fit<'a> {
         DVector::from_iterator(errors.len() * AXES + 1, counted.chain([prior]))
     }
 
-    /// The least cost near `start`, its response, and whether it is a minimum.
-    fn minimise(&self, start: &Response, parameters: &[Parameter]) -> (f64, Response, bool) {
-        let free = parameters.iter().map(|parameter| parameter.free(start));
-        let problem = Problem {
-            fit: self,
-            parameters,
-            base: *start,
-            free: DVector::from_iterator(parameters.len(), free),
-        };
+    /// The least cost near `start`, to so small a share of cost and parameters.
+    fn minimise(&self, start: &Response, parameters: Vec<Parameter>, share: f64) -> Found {
+        let problem = Problem::new(self, start, &parameters);
         let method =
-            LevenbergMarquardt::new().with_ftol(1e-7).with_xtol(1e-7).with_patience(PATIENCE);
+            LevenbergMarquardt::new().with_ftol(share).with_xtol(share).with_patience(PATIENCE);
         let (problem, report) = method.minimize(problem);
-        (report.objective_function, problem.response(), report.termination.was_successful())
+        let (cost, response) = (report.objective_function, problem.response());
+        let is_converged = report.termination.was_successful();
+        Found { cost, response, parameters, is_converged }
+    }
+
+    /// The best fit from starts without and with integral parts.
+    fn best_of(&mut self, starts: [Vec<Response>; 2], progress: &mut dyn FnMut(&str)) -> Found {
+        let first = starts[0].first().copied().unwrap_or_default();
+        self.scale = self.scatter(&first);
+        let [without, with] = starts.map(|starts| {
+            let has_integral = starts.iter().any(Response::has_integral);
+            let parameters = Parameter::of_axes(self.axes, has_integral);
+            let tried = starts.iter().enumerate().map(|(number, start)| {
+                progress(&format!("fit {} of {}", number + 1, starts.len()));
+                self.minimise(start, parameters.clone(), COMPARED)
+            });
+            tried.min_by(|a, b| a.cost.total_cmp(&b.cost))
+        });
+        match (without, with) {
+            (Some(without), Some(with)) if with.cost < (1.0 - WORTH) * without.cost => with,
+            (Some(found), _) | (None, Some(found)) => found,
+            (None, None) => self.minimise(&first, Parameter::of_axes(self.axes, false), COMPARED),
+        }
+    }
+
+    /// `found` with those limits that explain the data clearly better.
+    fn with_limits(&self, mut found: Found) -> Found {
+        let moved = (0..AXES).filter(|&axis| self.axes[axis]);
+        let of_axes =
+            moved.flat_map(|axis| [Parameter::Acceleration(axis), Parameter::Braking(axis)]);
+        for limit in std::iter::once(Parameter::Saturation).chain(of_axes) {
+            let Some(start) = self.limited(&found.response, limit, found.cost) else { continue };
+            let mut with = found.parameters.clone();
+            with.push(limit);
+            let tried = self.minimise(&start, with, COMPARED);
+            if tried.cost < (1.0 - WORTH_OF_LIMIT) * found.cost {
+                found = tried;
+            }
+        }
+        found
+    }
+
+    /// `found` with stiction on all axes, if that explains the data clearly better.
+    fn with_stiction(&self, found: Found) -> Found {
+        let stuck = (0..AXES).filter(|&axis| self.axes[axis]).map(Parameter::Stiction);
+        let with = found.parameters.iter().copied().chain(stuck).collect();
+        let tried = self.minimise(&self.sticking(&found.response), with, COMPARED);
+        if tried.cost < (1.0 - WORTH) * found.cost { tried } else { found }
     }
 
     /// A start with `limit`, if one explains the data better than `cost` before any fit: a limited
     /// axis looks slower than it is.
     fn limited(&self, response: &Response, limit: Parameter, cost: f64) -> Option<Response> {
-        let (Parameter::Acceleration(axis) | Parameter::Braking(axis)) = limit else { return None };
         let reached = self.reached(response, limit);
+        let is_limited = |axis: usize| match limit {
+            Parameter::Acceleration(limited) | Parameter::Braking(limited) => axis == limited,
+            _ => true,
+        };
         let mut best = (cost, None);
-        for share in [0.85, 0.6, 0.4] {
+        for share in [0.95, 0.85, 0.6, 0.4] {
             for faster in [1.0, 0.6, 0.3] {
                 let mut start = *response;
-                start.time_constant_s[axis] *= faster;
+                for axis in (0..AXES).filter(|&axis| is_limited(axis)) {
+                    start.time_constant_s[axis] *= faster;
+                }
                 limit.set(&mut start, (share * reached).ln());
                 let found = 0.5 * self.residuals(&start).norm_squared();
                 if found < best.0 {
@@ -279,185 +446,22 @@ impl<'a> Fit<'a> {
         best.unwrap_or(*response)
     }
 
-    /// Largest acceleration or deceleration that `response` shows on an axis.
+    /// The largest of what `limit` limits that `response` shows.
     fn reached(&self, response: &Response, limit: Parameter) -> f64 {
-        let mut largest: f64 = 1e-3;
-        for simulation in self.simulations {
+        let of_stretch = |simulation: &Simulation<'_>| {
+            let (axis, speeds_up) = match limit {
+                Parameter::Acceleration(axis) => (axis, true),
+                Parameter::Braking(axis) => (axis, false),
+                _ => return simulation.most_behind_mps(response),
+            };
             let run = simulation.whole(response);
-            let period = simulation.period_s();
-            for pair in run.windows(2) {
-                let (axis, speeds_up) = match limit {
-                    Parameter::Acceleration(axis) => (axis, true),
-                    Parameter::Braking(axis) => (axis, false),
-                    _ => continue,
-                };
+            let changes = run.windows(2).filter_map(|pair| {
                 let [before, after] = [0, 1].map(|number: usize| pair[number].velocity[axis]);
                 let change = after - before;
-                if (change * before >= 0.0) == speeds_up {
-                    largest = largest.max(change.abs() / period);
-                }
-            }
-        }
-        largest
-    }
-
-    /// Half of the 95 % interval of each parameter; infinite if the data do not tell it.
-    fn half_widths(&self, response: &Response, parameters: &[Parameter], lags: usize) -> Vec<f64> {
-        let free = parameters.iter().map(|parameter| parameter.free(response));
-        let problem = Problem {
-            fit: self,
-            parameters,
-            base: *response,
-            free: DVector::from_iterator(parameters.len(), free),
+                ((change * before >= 0.0) == speeds_up).then_some(change.abs())
+            });
+            changes.fold(0.0, f64::max) / simulation.period_s()
         };
-        let (jacobian, residuals) = (problem.derivatives(), self.residuals(response));
-        // A parameter without any effect has no interval, and must not spoil the others'.
-        let live: Vec<usize> =
-            (0..parameters.len()).filter(|&index| jacobian.column(index).norm() > 0.0).collect();
-        let deviations = self.deviations(&jacobian.select_columns(&live), &residuals, lags);
-        let mut half_widths = vec![f64::INFINITY; parameters.len()];
-        for (&index, deviation) in live.iter().zip(deviations) {
-            half_widths[index] = deviation * parameters[index].slope(response);
-        }
-        half_widths
-    }
-
-    /// Half of the 95 % interval of each free number; infinite if the data do not tell it.
-    fn deviations(
-        &self,
-        jacobian: &DMatrix<f64>,
-        residuals: &DVector<f64>,
-        lags: usize,
-    ) -> Vec<f64> {
-        let count = jacobian.ncols();
-        // The last row is that of the prior.
-        let last = residuals.len() - 1;
-        let periods = last / AXES;
-        // g_k, one row per period.
-        let mut gradients = DMatrix::zeros(periods, count);
-        for period in 0..periods {
-            for axis in 0..AXES {
-                let row = period * AXES + axis;
-                for column in 0..count {
-                    gradients[(period, column)] += jacobian[(row, column)] * residuals[row];
-                }
-            }
-        }
-        let mut middle = gradients.tr_mul(&gradients);
-        for lag in 1..=lags.min(periods.saturating_sub(1)) {
-            let weight = 1.0 - lag as f64 / (lags + 1) as f64;
-            let early = gradients.rows(0, periods - lag);
-            let late = gradients.rows(lag, periods - lag);
-            let product = early.tr_mul(&late);
-            middle += weight * (&product + product.transpose());
-        }
-        let prior = jacobian.row(last);
-        middle += self.correlated * prior.tr_mul(&prior);
-        // In units of each column, so that the inverse is well conditioned.
-        let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
-        let mut scaled = jacobian.clone();
-        for (mut column, norm) in scaled.column_iter_mut().zip(&norms) {
-            column /= *norm;
-        }
-        let Some(inverse) = scaled.tr_mul(&scaled).try_inverse() else {
-            return vec![f64::INFINITY; count];
-        };
-        for row in 0..count {
-            for column in 0..count {
-                middle[(row, column)] /= norms[row] * norms[column];
-            }
-        }
-        let covariance = &inverse * middle * &inverse;
-        let independent = last as f64 / self.correlated;
-        let enlarged = independent / (independent - count as f64).max(1.0);
-        let bandwidth = lags as f64 / periods.max(1) as f64;
-        let quantile = enlarged.sqrt() * (WIDTH_95 + 2.97 * bandwidth);
-        (0..count)
-            .map(|index| {
-                let variance = covariance[(index, index)];
-                // A variance that is none is one that the data do not tell.
-                if variance > 0.0 {
-                    quantile * variance.sqrt() / norms[index]
-                } else {
-                    f64::INFINITY
-                }
-            })
-            .collect()
-    }
-}
-
-/// A fit as a least-squares problem.
-#[derive(Clone)]
-struct Problem<'a> {
-    fit: &'a Fit<'a>,
-    parameters: &'a [Parameter],
-    base: Response,
-    free: DVector<f64>,
-}
-
-impl Problem<'_> {
-    fn response(&self) -> Response {
-        self.response_at(&self.free)
-    }
-
-    fn response_at(&self, free: &DVector<f64>) -> Response {
-        let mut response = self.base;
-        for (parameter, &value) in self.parameters.iter().zip(free.iter()) {
-            parameter.set(&mut response, value);
-        }
-        response
-    }
-
-    /// Derivatives of the residuals by the free numbers, by central differences.
-    fn derivatives(&self) -> DMatrix<f64> {
-        let column = |index: usize| {
-            let step = self.parameters[index].step();
-            let at = |change: f64| {
-                let mut free = self.free.clone();
-                free[index] += change;
-                self.fit.residuals(&self.response_at(&free))
-            };
-            (at(step) - at(-step)) / (2.0 * step)
-        };
-        let count = self.parameters.len();
-        let threads = thread::available_parallelism().map_or(1, usize::from).min(count.max(1));
-        let columns: Vec<Vec<DVector<f64>>> = thread::scope(|scope| {
-            let parts: Vec<_> = (0..threads)
-                .map(|part| {
-                    scope.spawn(move || (part..count).step_by(threads).map(column).collect())
-                })
-                .collect();
-            parts.into_iter().map(|part| part.join().unwrap_or_default()).collect()
-        });
-        let rows = columns.iter().flatten().map(DVector::len).max().unwrap_or(0);
-        let mut matrix = DMatrix::zeros(rows, count);
-        for (part, columns) in columns.iter().enumerate() {
-            for (number, column) in columns.iter().enumerate() {
-                matrix.set_column(part + number * threads, column);
-            }
-        }
-        matrix
-    }
-}
-
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-    type ParameterStorage = Owned<f64, Dyn>;
-
-    fn set_params(&mut self, free: &DVector<f64>) {
-        self.free.copy_from(free);
-    }
-
-    fn params(&self) -> DVector<f64> {
-        self.free.clone()
-    }
-
-    fn residuals(&self) -> Option<DVector<f64>> {
-        Some(self.fit.residuals(&self.response()))
-    }
-
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        Some(self.derivatives())
+        self.simulations.iter().map(of_stretch).fold(1e-3, f64::max)
     }
 }

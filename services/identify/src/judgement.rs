@@ -66,13 +66,15 @@ pub fn untold(known: &Known<'_>) -> Vec<String> {
             Parameter::TimeConstant(_) => "more or larger steps",
             Parameter::DeadTime(_) => "more or larger steps, or a shorter period",
             Parameter::Gain(..) | Parameter::Cross(..) => "more steps on both axes at once",
-            _ => continue,
+            _ => "more motion of every kind",
         };
         let is_wide = match parameter {
             Parameter::DeadTime(_) => *half_width > WIDE_S,
             Parameter::Gain(axis, other) if axis != other => *half_width > WIDE,
             Parameter::Cross(..) => *half_width > WIDE,
-            _ => *half_width > WIDE * value.abs(),
+            Parameter::Gain(..) | Parameter::TimeConstant(_) => *half_width > WIDE * value.abs(),
+            // Often 0, and known to be small.
+            _ => false,
         };
         // A number that is not a number is not told either.
         if is_wide || !half_width.is_finite() {
@@ -98,6 +100,12 @@ pub fn untold(known: &Known<'_>) -> Vec<String> {
                  input that rises slowly from rest would tell"
             ));
         }
+    }
+    if known.wheels.count() > 0 && estimate.response.saturation_mps.is_infinite() {
+        untold.push(
+            "saturation of the drives: the motion does not reach it; larger steps would tell"
+                .to_owned(),
+        );
     }
     untold.extend(untold_of_sensors(known));
     untold

@@ -14,7 +14,7 @@ mod table;
 
 use bag::{BagError, Topics};
 use recorder::reader::SourceError;
-use robot::{AXES, PerWheel, Velocity};
+use robot::{AXES, PerWheel, Velocity, Wheels};
 use std::path::{Path, PathBuf};
 
 /// Names of the velocity axes.
@@ -37,8 +37,7 @@ pub struct Sample {
 
 impl Sample {
     fn is_finite(&self) -> bool {
-        let wheels = self.wheel_speed.as_ref().map_or(&[][..], |speeds| speeds);
-        let numbers = [&[self.time_s], &self.pose[..], &self.velocity, &self.input, wheels];
+        let numbers = [&[self.time_s], &self.pose[..], &self.velocity, &self.input];
         numbers.into_iter().all(is_finite)
     }
 }
@@ -57,6 +56,8 @@ pub struct Log {
     pub period_s: f64,
     /// In the order of time.
     pub stretches: Vec<Stretch>,
+    /// Number of wheels whose speeds are measured; 0 if none are.
+    pub wheels: usize,
     /// What was left out, and where.
     pub notes: Vec<String>,
     /// Whether the gate stopped the robot.
@@ -171,6 +172,32 @@ pub enum LogError {
         /// Measured velocity, rms.
         velocity: f64,
     },
+    /// Another number of wheels.
+    #[error("speeds of {found} wheels: expected {expected}, {source_of}")]
+    WheelCount {
+        /// Number of wheels in the log.
+        found: usize,
+        /// The expected one.
+        expected: usize,
+        /// What has the expected number.
+        source_of: &'static str,
+    },
+    /// The wheel speeds have another unit, order or sign.
+    #[error(
+        "{axis}: by the wheel speeds the velocity is {factor:.3} times the measured one (rms \
+         {by_wheels:.4} and {velocity:.4}): expected rad/s, in the order and with the signs of the \
+         robot file"
+    )]
+    WheelUnit {
+        /// Name of the axis.
+        axis: &'static str,
+        /// Ratio of the two.
+        factor: f64,
+        /// Velocity by the wheel speeds, rms.
+        by_wheels: f64,
+        /// Measured velocity, rms.
+        velocity: f64,
+    },
 }
 
 fn after(notes: &[String]) -> String {
@@ -208,6 +235,14 @@ impl Log {
     /// [`LogError`].
     pub fn check(&self) -> Result<(), LogError> {
         check::check(self)
+    }
+
+    /// Fails unless the wheel speeds, if there are any, are those of `wheels`.
+    ///
+    /// # Errors
+    /// [`LogError::WheelCount`], [`LogError::WheelUnit`].
+    pub fn check_wheels(&self, wheels: &Wheels) -> Result<(), LogError> {
+        check::check_wheels(self, wheels)
     }
 
     /// Number of samples.
@@ -249,6 +284,12 @@ impl Log {
                 expected: format!("{:.4} s, as in the first log", self.period_s),
             });
         }
+        let (found, expected) = (part.wheels, self.wheels);
+        if found > 0 && expected > 0 && found != expected {
+            let source_of = "as in the logs before";
+            return Err(LogError::WheelCount { found, expected, source_of });
+        }
+        self.wheels = found.max(expected);
         self.period_s = part.period_s;
         self.stretches.extend(part.stretches);
         self.notes.extend(part.notes);
@@ -290,12 +331,16 @@ struct Cutter {
     open: Stretch,
     /// Time of the last row, also of one that was left out \[s\].
     last_s: f64,
+    /// Number of wheels whose speeds are measured.
+    wheels: usize,
+    /// Rows without them.
+    without_wheels: usize,
     notes: Vec<String>,
     is_stopped: bool,
 }
 
 impl Cutter {
-    fn new(path: &Path, period_s: f64) -> Self {
+    fn new(path: &Path, period_s: f64, wheels: usize) -> Self {
         let name = path.display().to_string();
         Self {
             period_s,
@@ -303,6 +348,8 @@ impl Cutter {
             done: Vec::new(),
             open: Vec::new(),
             last_s: f64::NEG_INFINITY,
+            wheels,
+            without_wheels: 0,
             notes: Vec::new(),
             is_stopped: false,
         }
@@ -358,20 +405,27 @@ impl Cutter {
                 self.cut();
             }
         }
+        let speeds = sample.wheel_speed.filter(|speeds| is_finite(speeds));
+        sample.wheel_speed = speeds.filter(|_| self.wheels > 0);
+        self.without_wheels += usize::from(sample.wheel_speed.is_none());
         self.open.push(sample);
         Ok(())
     }
 
     fn finish(mut self) -> Log {
         self.cut();
+        if self.wheels > 0 && self.without_wheels > 0 {
+            let without = format!("{} rows without speeds of the wheels", self.without_wheels);
+            self.note("as a whole", &without);
+        }
         let mut notes = self.notes;
         let more = notes.len().saturating_sub(NOTES_MAX);
         notes.truncate(NOTES_MAX);
         if more > 0 {
             notes.push(format!("{}: and {more} more", self.name));
         }
-        let (period_s, is_stopped) = (self.period_s, self.is_stopped);
-        Log { period_s, stretches: self.done, notes, is_stopped }
+        let Self { period_s, done: stretches, wheels, is_stopped, .. } = self;
+        Log { period_s, stretches, wheels, notes, is_stopped }
     }
 }
 

@@ -76,13 +76,12 @@ impl Known<'_> {
 
     /// Input that moves an axis from rest: static friction, and the dead band of the drive.
     pub fn input_from_rest(&self, axis: usize) -> Option<Measured> {
-        let dry = self.estimate.of(Parameter::Friction(axis))?;
-        let stuck = self.estimate.of(Parameter::Stiction(axis))?;
+        let terms = [(Parameter::Friction(axis), 1.0), (Parameter::Stiction(axis), 1.0)];
+        let both = self.estimate.sum(&terms)?;
         let response = &self.estimate.response;
         // A velocity of the axis, and the input that asks for it.
         let value = response.breakaway()[axis] / response.gain[axis][axis];
-        let share = value / (dry.value + stuck.value);
-        let half_width = share * dry.half_width.hypot(stuck.half_width);
+        let half_width = value / both.value * both.half_width;
         Some(Measured { value, half_width }).filter(|_| half_width.is_finite() && half_width > 0.0)
     }
 

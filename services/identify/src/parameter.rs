@@ -34,11 +34,13 @@ pub enum Parameter {
     Acceleration(usize),
     /// Largest deceleration.
     Braking(usize),
+    /// l.
+    Saturation,
 }
 
 impl Parameter {
     /// Those of a robot of which only `axes` are moved, with or without integral parts, without
-    /// limits of the acceleration and without stiction.
+    /// limits, without saturation and without stiction.
     pub fn of_axes(axes: [bool; AXES], has_integral: bool) -> Vec<Self> {
         let moved = || (0..AXES).filter(|&axis| axes[axis]);
         let mut all = Vec::new();
@@ -82,6 +84,7 @@ impl Parameter {
             Self::Turning => &mut response.turning,
             Self::Acceleration(axis) => &mut response.acceleration[axis],
             Self::Braking(axis) => &mut response.braking[axis],
+            Self::Saturation => &mut response.saturation_mps,
         }
     }
 
@@ -89,7 +92,11 @@ impl Parameter {
     const fn is_positive(self) -> bool {
         matches!(
             self,
-            Self::TimeConstant(_) | Self::FrictionSpeed | Self::Acceleration(_) | Self::Braking(_)
+            Self::TimeConstant(_)
+                | Self::FrictionSpeed
+                | Self::Acceleration(_)
+                | Self::Braking(_)
+                | Self::Saturation
         )
     }
 
@@ -135,7 +142,8 @@ impl Parameter {
             Self::TimeConstant(_) | Self::DeadTime(_) => "s",
             Self::Integral(_) => "1/s",
             Self::Friction(2) | Self::Stiction(2) | Self::Offset(2) => "rad/s",
-            Self::Friction(_) | Self::Stiction(_) | Self::Offset(_) | Self::FrictionSpeed => "m/s",
+            Self::Friction(_) | Self::Stiction(_) | Self::Offset(_) => "m/s",
+            Self::FrictionSpeed | Self::Saturation => "m/s",
             Self::Acceleration(2) | Self::Braking(2) => "rad/s²",
             Self::Acceleration(_) | Self::Braking(_) => "m/s²",
             Self::Drag => "s/m",
@@ -162,6 +170,7 @@ impl Display for Parameter {
             Self::Turning => write!(f, "share of the turning frame"),
             Self::Acceleration(axis) => write!(f, "largest acceleration, {}", name(axis)),
             Self::Braking(axis) => write!(f, "largest deceleration, {}", name(axis)),
+            Self::Saturation => write!(f, "rim behind its command, saturated"),
         }
     }
 }

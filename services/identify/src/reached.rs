@@ -5,10 +5,9 @@
 //! choice. The value is the mean change of the measured velocity over these spans, and the
 //! interval is that of their scatter.
 
-use crate::log::Log;
-use crate::response::{Response, Simulation};
+use crate::fit::Beside;
 use crate::sensors::Measured;
-use robot::{AXES, Velocity, Wheels};
+use robot::{AXES, Velocity};
 
 /// Length of a span \[s\].
 const SPAN_S: f64 = 0.1;
@@ -29,16 +28,14 @@ pub struct Reached {
     pub braking: [Option<Measured>; AXES],
 }
 
-/// What a robot with `wheels` reached in `log`, of which `response` is the estimate.
-pub fn reached(log: &Log, wheels: &Wheels, response: &Response) -> Reached {
+/// What the robot reached in samples of `period_s` \[s\] that stand beside their simulation.
+pub fn reached(period_s: f64, beside: &[Vec<Beside>]) -> Reached {
     let mut spans: [[Vec<Span>; AXES]; 2] = Default::default();
-    let length = ((SPAN_S / log.period_s).round() as usize).max(1);
-    let time = length as f64 * log.period_s;
-    for stretch in &log.stretches {
-        let run = Simulation::new(wheels, stretch, log.period_s).whole(response);
-        let measured = stretch.iter().skip(1).map(|sample| sample.velocity);
+    let length = ((SPAN_S / period_s).round() as usize).max(1);
+    let time = length as f64 * period_s;
+    for stretch in beside {
         let both: Vec<(Velocity, Velocity)> =
-            run.iter().map(|it| it.velocity).zip(measured).collect();
+            stretch.iter().map(|both| (both.simulated, both.sample.velocity)).collect();
         for ends in both.windows(length + 1).step_by(length) {
             let (Some(first), Some(last)) = (ends.first(), ends.last()) else { continue };
             for axis in 0..AXES {
@@ -81,7 +78,9 @@ fn largest(mut spans: Vec<Span>, steady: f64) -> Option<Measured> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::Sample;
+    use crate::fit::beside;
+    use crate::log::{Log, Sample};
+    use crate::response::{Response, Simulation};
     use robot::Robot;
 
     /// A robot that speeds up with 1.5 m/s² and brakes with 3 m/s², five times.
@@ -103,7 +102,7 @@ mod tests {
             sample.velocity = motion.velocity.map(|it| it + noise);
         }
         let log = Log { period_s: 0.02, stretches: vec![stretch], ..Log::default() };
-        let found = reached(&log, &wheels, &response);
+        let found = reached(log.period_s, &beside(&log, &wheels, &response));
         for (found, truth) in [(found.acceleration[0], 1.5), (found.braking[0], 3.0)] {
             let is_right = found.is_some_and(|it| (it.value - truth).abs() < 0.05);
             assert!(is_right, "{found:?} {truth}");

@@ -24,6 +24,9 @@
 //! each axis has its own friction. The acceleration of an axis may be limited, separately for
 //! speeding up and slowing down.
 //!
+//! The drive of a wheel saturates where its rim is behind its command by more than l. Then u is
+//! replaced by v + J⁺ sat(J (u − v), l), which is u itself where no wheel saturates.
+//!
 //! Friction, drag and turning frame as in eqs. 10–16 of Wu, Tang, Xu 2023, corrected as in
 //! `plant-sim`; the dead time acts on the input, piecewise constant over the periods.
 
@@ -64,6 +67,8 @@ pub struct Response {
     pub acceleration: Velocity,
     /// Largest deceleration.
     pub braking: Velocity,
+    /// l \[m/s\]; infinite if no drive saturated, or if the wheels are not known.
+    pub saturation_mps: f64,
 }
 
 impl Default for Response {
@@ -84,6 +89,7 @@ impl Default for Response {
             turning: 0.0,
             acceleration: [f64::INFINITY; AXES],
             braking: [f64::INFINITY; AXES],
+            saturation_mps: f64::INFINITY,
         }
     }
 }
@@ -111,7 +117,8 @@ impl Response {
     pub fn plain(&self) -> Self {
         let unlimited = [f64::INFINITY; AXES];
         let stiction = [0.0; AXES];
-        Self { acceleration: unlimited, braking: unlimited, stiction, ..*self }
+        let saturation_mps = f64::INFINITY;
+        Self { acceleration: unlimited, braking: unlimited, saturation_mps, stiction, ..*self }
     }
 }
 
@@ -224,9 +231,13 @@ impl<'a> Simulation<'a> {
         let drag = [drag * ahead, drag * side, 0.0];
         let mut next = motion;
         for axis in 0..AXES {
-            let input = self.mean_input(time - response.dead_time_s[axis], step);
-            let mut target =
-                response.offset[axis] - friction[axis] - drag[axis] + middle.integral[axis];
+            let asked = self.mean_input(time - response.dead_time_s[axis], step);
+            let input = self.driven(response.saturation_mps, &asked, &at);
+            // As an input that would accelerate the axis as much.
+            let turning = response.turning * response.time_constant_s[axis] * frame[axis];
+            let mut target = response.offset[axis] - friction[axis] - drag[axis]
+                + middle.integral[axis]
+                + turning;
             for other in 0..AXES {
                 target += response.gain[axis][other] * input[other];
                 if other != axis {
@@ -238,9 +249,7 @@ impl<'a> Simulation<'a> {
             // the step is that at its middle.
             let share = 1.0 - (-step / response.time_constant_s[axis]).exp();
             let ahead = stiffness[axis] * (at[axis] - before);
-            let change = (share * (target - before + ahead)
-                + response.turning * frame[axis] * step)
-                / (1.0 + 0.5 * share * stiffness[axis]);
+            let change = share * (target - before + ahead) / (1.0 + 0.5 * share * stiffness[axis]);
             let speeds_up = change * before >= 0.0;
             let limit = if speeds_up { &response.acceleration } else { &response.braking };
             let most = limit[axis] * step;
@@ -249,6 +258,37 @@ impl<'a> Simulation<'a> {
             next.integral[axis] += response.integral_per_s[axis] * step * behind;
         }
         next
+    }
+
+    /// The input that unsaturated drives would follow as these follow `asked` at the velocity `at`.
+    fn driven(&self, saturation_mps: f64, asked: &Velocity, at: &Velocity) -> Velocity {
+        if saturation_mps.is_infinite() {
+            return *asked;
+        }
+        let mut behind = self.wheels.speeds(std::array::from_fn(|axis| asked[axis] - at[axis]));
+        for (speed, radius) in behind.iter_mut().zip(self.wheels.radii_m()) {
+            let most = saturation_mps / radius;
+            *speed = speed.clamp(-most, most);
+        }
+        let behind = self.wheels.body(&behind);
+        std::array::from_fn(|axis| at[axis] + behind[axis])
+    }
+
+    /// How far a rim is behind its command at most \[m/s\].
+    pub fn most_behind_mps(&self, response: &Response) -> f64 {
+        let mut most: f64 = 0.0;
+        for (number, motion) in self.whole(response).iter().enumerate() {
+            let time = (number + 1) as f64 * self.period_s;
+            let behind: Velocity = std::array::from_fn(|axis| {
+                let asked = self.mean_input(time - response.dead_time_s[axis], self.period_s);
+                asked[axis] - motion.velocity[axis]
+            });
+            let speeds = self.wheels.speeds(behind);
+            for (speed, radius) in speeds.iter().zip(self.wheels.radii_m()) {
+                most = most.max(speed.abs() * radius);
+            }
+        }
+        most
     }
 
     /// f(v), and its derivative by the velocity of each axis.
@@ -321,6 +361,22 @@ mod tests {
             // The step begins within a step of the integration.
             assert!((velocity[0] - exact).abs() < 2e-4, "{number}: {} {exact}", velocity[0]);
         }
+    }
+
+    /// 3 m/s behind, of which 1 m/s acts.
+    #[test]
+    fn a_drive_that_saturates_accelerates_as_with_a_smaller_step() {
+        let wheels = Robot::example().wheels;
+        let response = Response { saturation_mps: 1.0, ..Response::default() };
+        let first = |input: f64, response: &Response| {
+            let samples = samples(3, |_| [input, 0.0, 0.0]);
+            let run = Simulation::new(&wheels, &samples, 0.01).whole(response);
+            run.first().map_or(f64::NAN, |motion| motion.velocity[0])
+        };
+        let (limited, small) = (first(3.0, &response), first(1.0, &Response::default()));
+        // The small step gets smaller while the robot accelerates.
+        assert!((limited / small - 1.0).abs() < 0.05, "{limited} {small}");
+        assert_eq!(first(0.9, &response), first(0.9, &Response::default()));
     }
 
     #[test]

@@ -4,11 +4,14 @@
 //!   times its variance. Of the velocity, what the response explains is taken away first. The
 //!   interval is that of the scatter between blocks of two seconds.
 //! - **Latency** λ of the velocity behind the pose: v(t) = v_pose(t − λ), so the two differ by λ v̇.
+//!   The measured v̇ has noise, which would make λ smaller. So the simulated one, which has none, is
+//!   the instrument: λ = Σ z y/Σ z v̇ with the difference y and the simulated v̇ as z.
 //! - **Wheels**: the body velocity that the wheel speeds and the robot file give, per velocity by
 //!   the poses. A ratio that is not 1 is another effective radius, slip, or another distance of the
 //!   wheels. Where the wheels roll forward, the ratio gives the radius; how much more or less it is
 //!   in yaw gives their lever.
 
+use crate::fit::Beside;
 use crate::log::{Log, Sample, Stretch};
 use robot::{AXES, Velocity, Wheels};
 
@@ -48,24 +51,24 @@ pub struct Sensors {
     pub wheel_lever_m: Option<Measured>,
 }
 
-/// Estimates the sensors of a robot with `wheels` from `log`. `errors` are the differences of
-/// measured and simulated velocity.
-pub fn sensors(log: &Log, wheels: &Wheels, errors: &[Velocity]) -> Sensors {
+/// Estimates the sensors of a robot with `wheels` from `log`, of which `beside` has the simulation.
+pub fn sensors(log: &Log, wheels: &Wheels, beside: &[Vec<Beside>]) -> Sensors {
     let block = ((BLOCK_S / log.period_s) as usize).max(4);
     let velocity_noise = std::array::from_fn(|axis| {
-        let errors: Vec<f64> = errors.iter().map(|error| error[axis]).collect();
-        noise(&[errors], block)
+        let error = |both: &Beside| both.sample.velocity[axis] - both.simulated[axis];
+        let errors = beside.iter().map(|stretch| stretch.iter().map(error).collect());
+        noise(&errors.collect::<Vec<Vec<f64>>>(), block)
     });
     let pose_noise = std::array::from_fn(|axis| {
         let pose = |stretch: &Stretch| stretch.iter().map(|sample| sample.pose[axis]).collect();
         noise(&log.stretches.iter().map(pose).collect::<Vec<Vec<f64>>>(), block)
     });
-    let has_wheels = log.stretches.iter().flatten().all(|sample| sample.wheel_speed.is_some());
-    let per_wheels = (has_wheels && wheels.count() > 0).then(|| per_wheels(log, wheels));
+    let has_wheels = log.wheels > 0 && wheels.count() > 0;
+    let per_wheels = has_wheels.then(|| per_wheels(log, wheels));
     let [ahead, _, yaw] = per_wheels.unwrap_or_default();
     let wheel_radius_m = ahead.map(|ahead| ahead.times(wheels.radius_m()));
     let wheel_lever_m = ahead.zip(yaw).map(|(ahead, yaw)| ahead.per(yaw).times(wheels.lever_m()));
-    let latency_s = latency(log);
+    let latency_s = latency(log.period_s, beside);
     Sensors { velocity_noise, pose_noise, latency_s, per_wheels, wheel_radius_m, wheel_lever_m }
 }
 
@@ -115,43 +118,52 @@ fn displacement(from: &Sample, to: &Sample) -> Velocity {
     [cos * x + sin * y, cos * y - sin * x, turn]
 }
 
-/// y ≈ a x by least squares, with the interval of correlated errors over `lags` samples.
-fn slope(pairs: &[(f64, f64)], lags: usize) -> Option<Measured> {
-    let squares: f64 = pairs.iter().map(|(x, _)| x * x).sum();
-    let value = pairs.iter().map(|(x, y)| x * y).sum::<f64>() / squares;
-    let gradients: Vec<f64> = pairs.iter().map(|(x, y)| x * (y - value * x)).collect();
+/// Numbers of one period: the instrument z, x and y of y ≈ a x.
+type Triple = [f64; 3];
+
+/// a of y ≈ a x with the instrument z, which is x itself in least squares. The interval is that of
+/// errors that are correlated over `lags` samples.
+fn slope(triples: &[Triple], lags: usize) -> Option<Measured> {
+    let scale: f64 = triples.iter().map(|[z, x, _]| z * x).sum();
+    let value = triples.iter().map(|[z, _, y]| z * y).sum::<f64>() / scale;
+    let gradients: Vec<f64> = triples.iter().map(|[z, x, y]| z * (y - value * x)).collect();
     let mut variance: f64 = gradients.iter().map(|gradient| gradient * gradient).sum();
     for lag in 1..=lags.min(gradients.len().saturating_sub(1)) {
         let products = gradients.iter().zip(&gradients[lag..]).map(|(a, b)| a * b);
         variance += 2.0 * (1.0 - lag as f64 / (lags + 1) as f64) * products.sum::<f64>();
     }
-    let half_width = WIDTH_95 * variance.max(0.0).sqrt() / squares;
+    let half_width = WIDTH_95 * variance.max(0.0).sqrt() / scale.abs();
     (value.is_finite() && half_width.is_finite()).then_some(Measured { value, half_width })
 }
 
 /// Over one period the mean velocity by the poses is that at its middle; that by the velocities is
 /// late by λ.
-fn latency(log: &Log) -> Option<Measured> {
-    let period = log.period_s;
-    let mut pairs = Vec::new();
-    for four in log.stretches.iter().flat_map(|stretch| stretch.windows(4)) {
-        let by_pose = displacement(&four[1], &four[2]);
+fn latency(period: f64, beside: &[Vec<Beside>]) -> Option<Measured> {
+    let mut triples = Vec::new();
+    for four in beside.iter().flat_map(|stretch| stretch.windows(4)) {
+        let by_pose = displacement(&four[1].sample, &four[2].sample);
         for axis in 0..2 {
-            let mean = 0.5 * (four[1].velocity[axis] + four[2].velocity[axis]);
-            let acceleration = (four[3].velocity[axis] - four[0].velocity[axis]) / (3.0 * period);
-            pairs.push((acceleration, by_pose[axis] / period - mean));
+            let [first, second, third, fourth] =
+                [0, 1, 2, 3].map(|place: usize| four[place].sample.velocity[axis]);
+            let measured = (fourth - first) / (3.0 * period);
+            let simulated = (four[3].simulated[axis] - four[0].simulated[axis]) / (3.0 * period);
+            let difference = by_pose[axis] / period - 0.5 * (second + third);
+            triples.push([simulated, measured, difference]);
         }
     }
-    slope(&pairs, (1.0 / period) as usize).filter(|latency| latency.half_width < 0.05)
+    slope(&triples, (1.0 / period) as usize).filter(|latency| latency.half_width < 0.05)
 }
 
 fn per_wheels(log: &Log, wheels: &Wheels) -> [Option<Measured>; AXES] {
     let apart = ((APART_S / log.period_s) as usize).max(1);
-    let mut pairs: [Vec<(f64, f64)>; AXES] = Default::default();
+    let mut triples: [Vec<Triple>; AXES] = Default::default();
     for stretch in &log.stretches {
         for span in stretch.windows(apart + 1) {
             let (Some(first), Some(last)) = (span.first(), span.last()) else { continue };
             let mut by_wheels = [0.0; AXES];
+            if span.iter().any(|sample| sample.wheel_speed.is_none()) {
+                continue;
+            }
             for pair in span.windows(2) {
                 let speeds = [&pair[0], &pair[1]]
                     .map(|sample| wheels.body(&sample.wheel_speed.unwrap_or_default()));
@@ -167,13 +179,15 @@ fn per_wheels(log: &Log, wheels: &Wheels) -> [Option<Measured>; AXES] {
                 by_wheels[2] += yaw;
             }
             let by_pose = displacement(first, last);
-            (0..AXES).for_each(|axis| pairs[axis].push((by_wheels[axis], by_pose[axis])));
+            for (axis, triples) in triples.iter_mut().enumerate() {
+                triples.push([by_wheels[axis], by_wheels[axis], by_pose[axis]]);
+            }
         }
     }
-    pairs.map(|pairs| {
-        let squares: f64 = pairs.iter().map(|(by_wheels, _)| by_wheels * by_wheels).sum();
-        let is_moved = squares > APART_LEAST.powi(2) * pairs.len() as f64;
-        let ratio = slope(&pairs, 2 * apart).filter(|_| is_moved);
+    triples.map(|triples| {
+        let squares: f64 = triples.iter().map(|[_, by_wheels, _]| by_wheels * by_wheels).sum();
+        let is_moved = squares > APART_LEAST.powi(2) * triples.len() as f64;
+        let ratio = slope(&triples, 2 * apart).filter(|_| is_moved);
         ratio.filter(|ratio| ratio.value > 0.0 && ratio.half_width < 0.2 * ratio.value)
     })
 }

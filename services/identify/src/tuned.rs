@@ -5,9 +5,8 @@
 //! time constant, and has 5 to 40 periods. Inputs are free for 0.2 s. The weights are those of the
 //! profiles, which are not searched anew: `docs/results.md` has their rule.
 
-use crate::fit::Estimate;
 use protocol::message::HORIZON_MAX;
-use robot::AXES;
+use robot::{AXES, Response};
 
 /// Periods that are recommended \[ms\].
 const PERIODS_MILLIS: [f64; 4] = [10.0, 20.0, 50.0, 100.0];
@@ -34,13 +33,12 @@ pub struct Recommendation {
     pub input_change: f64,
 }
 
-/// What fits `estimate`.
-pub fn recommendation(estimate: &Estimate) -> Recommendation {
-    let moved = || (0..AXES).filter(|&axis| estimate.axes[axis]);
-    let constant = |axis: usize| estimate.response.time_constant_s[axis];
-    let shortest = moved().map(constant).fold(f64::INFINITY, f64::min);
-    let longest = moved().map(constant).fold(0.0, f64::max);
-    let dead = moved().map(|axis| estimate.response.dead_time_s[axis]).fold(0.0, f64::max);
+/// What fits a robot with this response, of which `axes` are moved.
+pub fn recommendation(response: &Response, axes: [bool; AXES]) -> Recommendation {
+    let constants = || (0..AXES).filter(|&axis| axes[axis]).map(|it| response.time_constant_s[it]);
+    let shortest = constants().fold(f64::INFINITY, f64::min);
+    let longest = constants().fold(0.0, f64::max);
+    let dead = response.dead_time_s;
     let fits = |period: &&f64| **period * 1e-3 <= 0.5 * shortest;
     let period_millis = PERIODS_MILLIS.iter().rev().find(fits).copied().unwrap_or(10.0);
     let horizon = ((dead + 2.0 * longest) / (period_millis * 1e-3)).ceil() as usize;

@@ -176,6 +176,65 @@ fn a_log_that_cannot_be_used_is_refused_by_its_reason() -> Outcome {
     Ok(())
 }
 
+/// A table with the wheel speeds of these rows times `factor`, of which `wheels` columns are written.
+/// Of the rows in `without`, the last of them is empty.
+fn table_with_wheels(
+    folder: &TempDir,
+    (wheels, factor): (usize, f64),
+    without: &[usize],
+) -> Result<PathBuf, Box<dyn Error>> {
+    let robot = Robot::example();
+    let names: Vec<String> = (1..=wheels).map(|wheel| format!(",wheel_{wheel}_radps")).collect();
+    let mut text = format!("{HEADER}{}\n", names.concat());
+    for (number, row) in rows([1.0; 3]).iter().enumerate() {
+        let [.., ahead, left, yaw, _, _, _] = *row;
+        let speeds = robot.wheels.speeds([ahead, left, yaw]);
+        let mut cells: Vec<String> = row.iter().map(f64::to_string).collect();
+        cells.extend(speeds.iter().take(wheels).map(|speed| (factor * speed).to_string()));
+        if without.contains(&number) {
+            cells.pop();
+            cells.push(String::new());
+        }
+        writeln!(text, "{}", cells.join(","))?;
+    }
+    let path = folder.path().join("wheels.csv");
+    std::fs::write(&path, text)?;
+    Ok(path)
+}
+
+#[test]
+fn wheel_speeds_of_other_wheels_or_in_another_unit_are_refused() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let out = folder.path().join("out");
+    let error = |wheels, factor| {
+        let table = table_with_wheels(&folder, (wheels, factor), &[])?;
+        let found = identify(&[table], &Topics::default(), &Robot::example(), &out, false);
+        assert!(!out.exists(), "{found:?}");
+        match found {
+            Err(IdentifyError::Log(error)) => Ok(error),
+            other => Err(Box::<dyn Error>::from(format!("{other:?}"))),
+        }
+    };
+    assert!(matches!(error(3, 1.0)?, LogError::WheelCount { found: 3, expected: 4, .. }));
+    // Revolutions per minute.
+    let found = error(4, 9.549)?;
+    assert!(matches!(found, LogError::WheelUnit { axis: "forward", .. }), "{found}");
+    Ok(())
+}
+
+#[test]
+fn a_row_without_a_wheel_leaves_the_others() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let out = folder.path().join("out");
+    let table = table_with_wheels(&folder, (4, 1.0), &[100, 101])?;
+    let log = Log::read(std::slice::from_ref(&table), &Topics::default())?;
+    assert_eq!((log.wheels, log.stretches.len(), log.notes.len()), (4, 1, 1));
+    identify(&[table], &Topics::default(), &Robot::example(), &out, false)?;
+    let text = std::fs::read_to_string(out.join("robot.toml"))?;
+    assert!(text.contains("wheel radius (0.0500 in the robot file)"), "{text}");
+    Ok(())
+}
+
 #[test]
 fn a_table_with_other_columns_is_refused_with_the_expected_ones() -> Outcome {
     let folder = tempfile::tempdir()?;

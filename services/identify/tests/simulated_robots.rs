@@ -1,8 +1,7 @@
 //! Promise: of a simulated robot, whose parameters are known, the estimate finds them.
 
 use identify::excitation::{Room, motion};
-use identify::fit::errors;
-use identify::fit::{Estimate, estimate};
+use identify::fit::{Estimate, beside, estimate};
 use identify::judgement::{prediction_error, untold};
 use identify::log::{Log, Sample};
 use identify::numbers::Known;
@@ -74,7 +73,7 @@ fn drive(truth: &Truth, period_s: f64, seed: u64) -> Log {
         world.advance((period_s * 1e9).round() as u64, input);
         stretch.push(sample(&mut world, pair[1].time_s, input));
     }
-    Log { period_s, stretches: vec![stretch], ..Log::default() }
+    Log { period_s, stretches: vec![stretch], wheels: 4, ..Log::default() }
 }
 
 /// M v̇ = G (u − v) − F v − friction − drag + turning frame, as in `plant-sim`, in the form of a
@@ -101,6 +100,7 @@ fn true_response(truth: &Truth) -> Response {
         dead_time_s: [truth.command_delay_s; 3],
         turning: planar / mass[(0, 0)],
         drag_s_per_m: truth.drag_n_s2_per_m2 / loss[(0, 0)],
+        saturation_mps: radius * truth.current_limit_a / truth.speed_loop_gain_a_s_per_rad,
         ..Response::default()
     };
     for axis in 0..3 {
@@ -159,13 +159,12 @@ fn is_close(judged: &Judged) -> bool {
     gain < 0.03 && constant < 0.1 && dead_time < 0.005
 }
 
-/// Largest ratio of the prediction errors 10 steps ahead on held-out motion: of a response that was
-/// estimated without it, and of the true parameters.
-fn ratio(truth: &Truth, log: &Log, near: Option<&Response>) -> f64 {
-    let used = log.first(0.75);
-    let found = estimate(&used, &truth.wheels, [true; 3], near, &mut |_| {}).response;
-    let [found, exact] = [found, true_response(truth)]
-        .map(|response| prediction_error(log, 0.75, &truth.wheels, &response, 10));
+/// Largest ratio of the prediction errors 10 steps ahead in another drive: of an estimate, and of
+/// the true parameters.
+fn ratio(truth: &Truth, estimate: &Estimate, period_s: f64, seed: u64) -> f64 {
+    let log = drive(truth, period_s, seed + 100);
+    let [found, exact] = [estimate.response, true_response(truth)]
+        .map(|response| prediction_error(&log, 0.05, &truth.wheels, &response, 10));
     (0..3).map(|axis| found[axis] / exact[axis]).fold(0.0, f64::max)
 }
 
@@ -177,7 +176,7 @@ fn gain_time_constant_and_dead_time_of_a_random_robot_are_found() -> Outcome {
     let judged = judge(&truth, &estimate)?;
     assert!(is_close(&judged), "{:?}", judged.worst);
     assert!(judged.covered >= 6, "{} of {}", judged.covered, judged.intervals);
-    let ratio = ratio(&truth, &log, Some(&estimate.response));
+    let ratio = ratio(&truth, &estimate, 0.05, 5);
     assert!(ratio < 1.3, "{ratio}");
     Ok(())
 }
@@ -188,8 +187,9 @@ fn friction_that_holds_the_robot_at_standstill_is_found_and_none_is_not_told() {
         let truth = Truth { breakaway_factor, ..random_robot(seed) };
         let log = drive(&truth, 0.05, seed);
         let found = estimate(&log, &truth.wheels, [true; 3], None, &mut |_| {});
-        let reached = reached(&log, &truth.wheels, &found.response);
-        let sensors = sensors(&log, &truth.wheels, &errors(&log, &truth.wheels, &found.response));
+        let beside = beside(&log, &truth.wheels, &found.response);
+        let reached = reached(log.period_s, &beside);
+        let sensors = sensors(&log, &truth.wheels, &beside);
         let known =
             Known { estimate: &found, reached: &reached, sensors: &sensors, wheels: &truth.wheels };
         let expected = most_friction(&truth);
@@ -208,6 +208,34 @@ fn holds(found: Option<Measured>, truth: f64, multiple: f64) -> bool {
     found.is_some_and(|it| (it.value - truth).abs() <= multiple * it.half_width)
 }
 
+/// The velocity comes one period after the pose.
+fn delay_velocity(log: &mut Log) {
+    for stretch in &mut log.stretches {
+        let velocities: Vec<_> = stretch.iter().map(|sample| sample.velocity).collect();
+        for (sample, velocity) in stretch.iter_mut().skip(1).zip(velocities) {
+            sample.velocity = velocity;
+        }
+    }
+}
+
+#[test]
+fn noise_of_the_velocity_does_not_hide_its_latency() -> Outcome {
+    const LATENCY_S: f64 = 0.02;
+    for seed in 1..=4 {
+        let mut truth = random_robot(seed);
+        truth.sensor.velocity_noise_mps = 0.04;
+        let mut log = drive(&truth, LATENCY_S, seed);
+        delay_velocity(&mut log);
+        let mut response = true_response(&truth);
+        response.dead_time_s = response.dead_time_s.map(|it| it + LATENCY_S);
+        let beside = beside(&log, &truth.wheels, &response);
+        let latency = sensors(&log, &truth.wheels, &beside).latency_s.ok_or("no latency")?;
+        assert!((latency.value - LATENCY_S).abs() < 0.005, "seed {seed}: {latency:?}");
+        assert!(holds(Some(latency), LATENCY_S, 1.5), "seed {seed}: {latency:?}");
+    }
+    Ok(())
+}
+
 #[test]
 fn radius_and_lever_of_the_wheels_latency_and_noise_are_found_and_few_intervals_miss() -> Outcome {
     // One period.
@@ -217,17 +245,11 @@ fn radius_and_lever_of_the_wheels_latency_and_noise_are_found_and_few_intervals_
         let wheels = Wheels::mecanum(0.0485, 0.25, 0.32)?;
         let truth = Truth { wheels, ..random_robot(seed) };
         let mut log = drive(&truth, LATENCY_S, seed);
-        // The velocity comes one period after the pose.
-        for stretch in &mut log.stretches {
-            let velocities: Vec<_> = stretch.iter().map(|sample| sample.velocity).collect();
-            for (sample, velocity) in stretch.iter_mut().skip(1).zip(velocities) {
-                sample.velocity = velocity;
-            }
-        }
+        delay_velocity(&mut log);
         let stated = Truth::default().wheels;
         let mut response = true_response(&truth);
         response.dead_time_s = response.dead_time_s.map(|it| it + LATENCY_S);
-        let sensors = sensors(&log, &stated, &errors(&log, &stated, &response));
+        let sensors = sensors(&log, &stated, &beside(&log, &stated, &response));
         let radius = sensors.wheel_radius_m.ok_or("no radius")?;
         let lever = sensors.wheel_lever_m.ok_or("no lever")?;
         assert!((radius.value / 0.0485 - 1.0).abs() < 0.005, "{radius:?}");
@@ -256,8 +278,9 @@ fn a_motor_that_couples_the_axes_is_told_and_a_healthy_robot_has_no_coupling() -
         let truth = Truth { motor_gain: vec![1.0, weak, 1.0, 1.0], ..random_robot(7) };
         let log = drive(&truth, 0.05, 7);
         let found = estimate(&log, &truth.wheels, [true; 3], None, &mut |_| {});
-        let reached = reached(&log, &truth.wheels, &found.response);
-        let sensors = sensors(&log, &truth.wheels, &errors(&log, &truth.wheels, &found.response));
+        let beside = beside(&log, &truth.wheels, &found.response);
+        let reached = reached(log.period_s, &beside);
+        let sensors = sensors(&log, &truth.wheels, &beside);
         let known =
             Known { estimate: &found, reached: &reached, sensors: &sensors, wheels: &truth.wheels };
         let couplings = known.coupling();
@@ -292,8 +315,9 @@ fn a_limit_of_the_acceleration_that_was_reached_is_found_and_another_is_not_told
     let limit = found.of(Parameter::Acceleration(0)).ok_or("not found")?;
     assert!((limit.value / 2.0 - 1.0).abs() < 0.1, "{limit:?}");
     assert_eq!(found.of(Parameter::Acceleration(1)), None);
-    let reached = reached(&log, &wheels, &found.response);
-    let sensors = sensors(&log, &wheels, &errors(&log, &wheels, &found.response));
+    let beside = beside(&log, &wheels, &found.response);
+    let reached = reached(log.period_s, &beside);
+    let sensors = sensors(&log, &wheels, &beside);
     let known = Known { estimate: &found, reached: &reached, sensors: &sensors, wheels: &wheels };
     assert!(untold(&known).iter().any(|line| line.contains("acceleration, left")));
     // The limit is what was reached.
@@ -318,7 +342,7 @@ fn twenty_random_robots() -> Outcome {
             let found = estimate(&log, &truth.wheels, [true; 3], None, &mut |_| {});
             let judged = judge(&truth, &found)?;
             let [gain, constant, dead_time] = judged.worst;
-            let ratio = ratio(&truth, &log, Some(&found.response));
+            let ratio = ratio(&truth, &found, period_s, seed);
             println!(
                 "T {period_s} seed {seed}: gain {gain:.4}, time constant {constant:.4}, dead time \
                  {dead_time:.4} s, covered {}/{}, ratio of errors {ratio:.3}",

@@ -161,6 +161,7 @@ impl Guard {
         let at_arrival = AtArrival {
             plant_epoch: state.stamp.epoch,
             tick: state.stamp.tick,
+            now: 0,
             age_nanos: Some(0),
             accepted: None,
             writer: None,

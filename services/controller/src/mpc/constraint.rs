@@ -12,7 +12,7 @@
 
 use super::around::{ACTIVE_MAX, Around};
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
-use super::{Outlook, Stage};
+use super::{PresentPlan, Stage};
 use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
 use crate::settings::StateLimits;
@@ -367,25 +367,25 @@ impl Limits {
     }
 
     /// Distances of the obstacles at the start of the plan \[m\].
-    fn distances(&self, outlook: &Outlook<'_>) -> [f64; ACTIVE_MAX] {
+    fn distances(&self, plan: &PresentPlan<'_>) -> [f64; ACTIVE_MAX] {
         let mut distances = [f64::INFINITY; ACTIVE_MAX];
         if let Some(around) = &self.around {
             for (index, distance) in distances.iter_mut().enumerate().take(around.count()) {
-                *distance = around.distance(index, 0, outlook.state(0));
+                *distance = around.distance(index, 0, plan.state(0));
             }
         }
         distances
     }
 
     /// Writes every row about the present plan. Does not allocate.
-    pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
-        let Outlook { stages, last_input, .. } = *outlook;
+    pub(super) fn write(&self, plan: &PresentPlan<'_>, program: &mut QuadraticProgram) {
+        let PresentPlan { stages, last_input, .. } = *plan;
         let InputLimits { wheel: of_wheel, current, input: largest, change, .. } = &self.inputs;
         let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
-        let mut approaches = self.distances(outlook);
+        let mut approaches = self.distances(plan);
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
             let Some(stage) = stages.get(period) else { continue };
-            let after = outlook.state(period + 1);
+            let after = plan.state(period + 1);
             let used = match kind {
                 Kind::WheelSpeed(wheel) => on_input(row, &of_wheel[wheel], &stage.input),
                 Kind::Input(axis) => on_input(row, &unit(axis, largest[axis]), &stage.input),
@@ -417,26 +417,25 @@ impl Limits {
                     &after.velocity,
                 ),
                 Kind::Corridor(sign) => {
-                    let Some(point) = outlook.reference.get(period + 1) else { continue };
+                    let Some(point) = plan.reference.get(period + 1) else { continue };
                     let [left, right] = self.corridor.map(|width| width.unwrap_or(f64::INFINITY));
                     let width = if sign > 0.0 { left } else { right };
                     let [x, y] = point.leftwards().map(|value| sign * value / width);
                     row.by_state = [x, y, 0.0];
                     let most = 0.5 * (left + right) / width;
-                    row.bounds[0] = 1.0
-                        - sign * point.lateral(&after.pose) / width
-                        - drawn_in(outlook, row, most);
+                    row.bounds[0] =
+                        1.0 - sign * point.lateral(&after.pose) / width - drawn_in(plan, row, most);
                     continue;
                 }
                 Kind::Obstacle(index) => {
                     let Some(around) = &self.around else { continue };
                     let before = approaches[index];
                     approaches[index] = around.write(index, period, after, before, row);
-                    row.bounds[0] -= drawn_in(outlook, row, 1.0);
+                    row.bounds[0] -= drawn_in(plan, row, 1.0);
                     continue;
                 }
             };
-            let margin = if row.stage > period { drawn_in(outlook, row, 1.0) } else { 0.0 };
+            let margin = if row.stage > period { drawn_in(plan, row, 1.0) } else { 0.0 };
             row.bounds = [1.0 - used - margin, 1.0 + used - margin];
         }
     }
@@ -447,8 +446,8 @@ fn dot(a: &Velocity, b: &Velocity) -> f64 {
 }
 
 /// Tightening of the bounds of a row on a predicted state; at most `most`.
-fn drawn_in(outlook: &Outlook<'_>, row: &Row, most: f64) -> f64 {
-    let Some(tightening) = outlook.tightening else { return 0.0 };
+fn drawn_in(plan: &PresentPlan<'_>, row: &Row, most: f64) -> f64 {
+    let Some(tightening) = plan.tightening else { return 0.0 };
     let mut direction = SVector::<f64, 6>::zeros();
     direction.fixed_rows_mut::<3>(row.first).copy_from_slice(&row.by_state);
     tightening.margin(row.stage, &direction).min(most)

@@ -9,7 +9,7 @@
 //! same error. Other controllers use v − v_r in the body's frame ([`Formulation::Plain`]).
 
 use super::qp::{Penalties, QuadraticProgram};
-use super::{Formulation, Outlook, Stage};
+use super::{Formulation, PresentPlan, Stage};
 use crate::reference::ReferencePoint;
 use crate::settings::MpcSettings;
 use model::covariance::Feedback;
@@ -151,13 +151,12 @@ impl Cost {
     }
 
     /// Writes the cost of the present plan, to second order. O(N), does not allocate.
-    pub(super) fn write(&self, outlook: &Outlook<'_>, program: &mut QuadraticProgram) {
+    pub(super) fn write(&self, plan: &PresentPlan<'_>, program: &mut QuadraticProgram) {
         program.clear_gradients();
-        let horizon = outlook.stages.len();
-        for (k, (stage, point)) in
-            program.stages.iter_mut().zip(outlook.reference).enumerate().skip(1)
+        let horizon = plan.stages.len();
+        for (k, (stage, point)) in program.stages.iter_mut().zip(plan.reference).enumerate().skip(1)
         {
-            let state = outlook.state(k);
+            let state = plan.state(k);
             let factor = if k == horizon { self.terminal_factor } else { 1.0 };
             let weights = SVector::<f64, 6>::from(self.stage) * factor;
             let (error, jacobian) = match self.formulation {
@@ -172,7 +171,7 @@ impl Cost {
             stage.curvature = jacobian.transpose() * weighted;
             stage.gradient[..6].copy_from_slice(weighted.tr_mul(&error).as_slice());
         }
-        self.write_inputs(outlook.stages, outlook.last_input, program);
+        self.write_inputs(plan.stages, plan.last_input, program);
     }
 
     /// Updates the cost after the target of period `k` has moved.

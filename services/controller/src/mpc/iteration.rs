@@ -3,7 +3,7 @@
 
 use super::qp::Vector;
 use super::{
-    Formulation, Mpc, Outcome, Outlook, Solved, Spent, Stage, Status, TrackingError, Turn,
+    Formulation, Mpc, Outcome, PresentPlan, Solved, Spent, Stage, Status, TrackingError, Turn,
 };
 use crate::reference::ReferencePoint;
 use model::linearise::{Linearised, linearise};
@@ -131,15 +131,15 @@ impl Mpc {
 
     pub(super) fn build(&mut self, last_input: &Velocity, reference: &[ReferencePoint]) {
         let (stages, terminal) = (&self.stages, &self.terminal);
-        let outlook = Outlook {
+        let plan = PresentPlan {
             stages,
             terminal,
             last_input,
             reference,
             tightening: self.tightening.as_ref(),
         };
-        self.cost.write(&outlook, &mut self.program);
-        self.limits.write(&outlook, &mut self.program);
+        self.cost.write(&plan, &mut self.program);
+        self.limits.write(&plan, &mut self.program);
     }
 
     /// Propagates the variance of the prediction, if bounds are tightened.

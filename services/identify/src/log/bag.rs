@@ -84,7 +84,7 @@ pub(super) fn read(path: &Path, topics: &Topics) -> Result<Log, LogError> {
             early.push(format!("{} ends early", file.display()));
         }
     }
-    let mut log = samples::log(path, &messages.read(path)?)?;
+    let mut log = samples::log(path, &messages.read(path)?, topics.wheel_joints.len())?;
     log.notes.extend(early);
     Ok(log)
 }

@@ -1,7 +1,7 @@
 //! Which data cannot be used: too little, no motion, or units that contradict each other.
 
 use super::{AXIS_NAMES, Log, LogError, Sample};
-use robot::{AXES, Velocity};
+use robot::{AXES, Velocity, Wheels};
 
 /// Least data that an estimate needs \[s\].
 const USABLE_MIN_S: f64 = 10.0;
@@ -49,6 +49,30 @@ pub(super) fn check(log: &Log) -> Result<(), LogError> {
         if is_moving && !(1.0 / SAME_INPUT_UNIT..=SAME_INPUT_UNIT).contains(&factor) {
             let axis = AXIS_NAMES[axis];
             return Err(LogError::InputUnit { axis, factor, input, velocity });
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn check_wheels(log: &Log, wheels: &Wheels) -> Result<(), LogError> {
+    let (found, expected) = (log.wheels, wheels.count());
+    // A robot that is described by its twist has wheels that nobody asks for.
+    if found == 0 || expected == 0 {
+        return Ok(());
+    }
+    if found != expected {
+        return Err(LogError::WheelCount { found, expected, source_of: "as in the robot file" });
+    }
+    let speeds = |sample: &Sample| sample.wheel_speed.map(|speeds| wheels.body(&speeds));
+    let by_wheels = rms(log, |_, sample| speeds(sample).unwrap_or_default());
+    let velocity = rms(log, |_, sample| speeds(sample).map_or([0.0; AXES], |_| sample.velocity));
+    for axis in 0..AXES {
+        let (by_wheels, velocity) = (by_wheels[axis], velocity[axis]);
+        let factor = by_wheels / velocity;
+        let is_moving = by_wheels.max(velocity) > 10.0 * STANDING[axis];
+        if is_moving && !(1.0 / SAME_UNIT..=SAME_UNIT).contains(&factor) {
+            let axis = AXIS_NAMES[axis];
+            return Err(LogError::WheelUnit { axis, factor, by_wheels, velocity });
         }
     }
     Ok(())

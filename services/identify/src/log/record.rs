@@ -32,7 +32,7 @@ struct Mark {
 pub(super) fn read(path: &Path) -> Result<Log, LogError> {
     let files = reader::files(path)?;
     let period_s = period_s(path, &files)?;
-    let mut cutter = Cutter::new(path, period_s);
+    let mut cutter = Cutter::new(path, period_s, 0);
     let (mut number, mut epoch, mut stopped) = (0, None, false);
     let ended_early = reader::all_messages(&files, |message| {
         if message.channel.topic != Topic::State.name() {
@@ -57,6 +57,7 @@ pub(super) fn read(path: &Path) -> Result<Log, LogError> {
             return Ok(());
         }
         stopped = false;
+        cutter.wheels = cutter.wheels.max(row.wheel_speed.len());
         cutter.add(&format!("state {number}"), row.sample(period_s))
     })?;
     for file in ended_early {

@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path) -> Result<Log, LogError> {
         rows.push((line, row.sample(wheel_speeds(&record, &wheels))));
     }
     let times: Vec<f64> = rows.iter().map(|(_, row): &(u64, Sample)| row.time_s).collect();
-    let mut cutter = Cutter::new(path, median_period(path, &times, "time_s")?);
+    let mut cutter = Cutter::new(path, median_period(path, &times, "time_s")?, wheels.len());
     for (line, sample) in rows {
         cutter.add(&format!("line {line}"), sample)?;
     }

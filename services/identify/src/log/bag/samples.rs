@@ -29,13 +29,13 @@ impl Missing {
     }
 }
 
-pub(super) fn log(path: &Path, read: &Read) -> Result<Log, LogError> {
+pub(super) fn log(path: &Path, read: &Read, joints: usize) -> Result<Log, LogError> {
     let points = read.odometry.points();
     let start = points.first().map_or(0, |point| point.nanos);
     let seconds = |nanos: i64| (nanos - start) as f64 * 1e-9;
     let times: Vec<f64> = points.iter().map(|point| seconds(point.nanos)).collect();
     let period = (1e9 * median_period(path, &times, "odometry")?).round() as i64;
-    let mut cutter = Cutter::new(path, period as f64 * 1e-9);
+    let mut cutter = Cutter::new(path, period as f64 * 1e-9, joints);
     for (place, what) in &read.notes {
         cutter.note(place, what);
     }
