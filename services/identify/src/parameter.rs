@@ -142,8 +142,11 @@ impl Parameter {
             Self::TimeConstant(_) | Self::DeadTime(_) => "s",
             Self::Integral(_) => "1/s",
             Self::Friction(2) | Self::Stiction(2) | Self::Offset(2) => "rad/s",
-            Self::Friction(_) | Self::Stiction(_) | Self::Offset(_) => "m/s",
-            Self::FrictionSpeed | Self::Saturation => "m/s",
+            Self::Friction(_)
+            | Self::Stiction(_)
+            | Self::Offset(_)
+            | Self::FrictionSpeed
+            | Self::Saturation => "m/s",
             Self::Acceleration(2) | Self::Braking(2) => "rad/s²",
             Self::Acceleration(_) | Self::Braking(_) => "m/s²",
             Self::Drag => "s/m",
