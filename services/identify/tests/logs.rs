@@ -176,8 +176,8 @@ fn a_log_that_cannot_be_used_is_refused_by_its_reason() -> Outcome {
     Ok(())
 }
 
-/// A table with the wheel speeds of these rows times `factor`, of which `wheels` columns are written.
-/// Of the rows in `without`, the last of them is empty.
+/// A table with the speeds of the first `wheels` wheels, times `factor`. In the rows of `without`,
+/// that of the last wheel is missing.
 fn table_with_wheels(
     folder: &TempDir,
     (wheels, factor): (usize, f64),

@@ -56,7 +56,7 @@ pub(super) fn check(log: &Log) -> Result<(), LogError> {
 
 pub(super) fn check_wheels(log: &Log, wheels: &Wheels) -> Result<(), LogError> {
     let (found, expected) = (log.wheels, wheels.count());
-    // A robot that is described by its twist has wheels that nobody asks for.
+    // The file of a robot that takes a body velocity does not describe its wheels.
     if found == 0 || expected == 0 {
         return Ok(());
     }
