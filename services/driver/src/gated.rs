@@ -151,14 +151,21 @@ impl<B: Base> GatedBase<B> {
 
     /// Passes over `nanos` in which this process did not run, if the robot moves on meanwhile, and
     /// returns whether it does: commands are older by that time. A simulated robot, which has a
-    /// truth, stands still with this process.
-    pub fn pass_over(&mut self, nanos: u64) -> bool {
-        let moves_on = self.base.truth().is_none();
-        if moves_on {
-            self.at += nanos;
-            self.gate.pass_over(self.at);
+    /// truth, stands still with this process. After [`WATCHDOG_NANOS`] the base may have stopped its
+    /// motors, so the brake begins no faster than the base moves.
+    ///
+    /// # Errors
+    /// [`BaseError`] if the base cannot be read.
+    pub fn pass_over(&mut self, nanos: u64) -> Result<bool, BaseError> {
+        if self.base.truth().is_some() {
+            return Ok(false);
         }
-        moves_on
+        self.at += nanos;
+        self.gate.pass_over(self.at);
+        if nanos >= WATCHDOG_NANOS {
+            self.gate.lower_to(&self.base.read()?.velocity);
+        }
+        Ok(true)
     }
 
     /// Drives the base until `now`; the gate decides anew every [`SLICE_NANOS`].

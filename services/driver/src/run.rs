@@ -161,19 +161,19 @@ impl<'a, B: Base> Plant<'a, B> {
             let (begin, end) = (tick * period, (tick + 1) * period);
             let sensors = self.robot.read()?;
             // What passes until the sensors are read makes commands older, but not this state.
-            self.look(&mut clock, 0, tick);
+            self.look(&mut clock, 0, tick)?;
             self.publish(tick, begin + self.lost, &sensors)?;
             if tick == self.settings.ticks() || stop.requested() {
                 break;
             }
             loop {
-                let now = self.look(&mut clock, 0, tick);
+                let now = self.look(&mut clock, 0, tick)?;
                 if now >= end {
                     break;
                 }
                 let nap = nap(end - now);
                 self.commands.wait(Duration::from_nanos(nap))?;
-                let now = self.look(&mut clock, nap, tick).min(end);
+                let now = self.look(&mut clock, nap, tick)?.min(end);
                 self.take_order(tick);
                 self.take_commands(now + self.lost)?;
                 self.robot.advance(now + self.lost)?;
@@ -185,10 +185,10 @@ impl<'a, B: Base> Plant<'a, B> {
 
     /// Time of the ticks now, when the process only waited for `waited` \[ns\] since the last
     /// check.
-    fn look(&mut self, clock: &mut Clock, waited: u64, tick: u64) -> u64 {
+    fn look(&mut self, clock: &mut Clock, waited: u64, tick: u64) -> Result<u64, BaseError> {
         let (now, stalled) = clock.look(monotonic_nanos(), waited);
         let micros = stalled / 1000;
-        if stalled > 0 && self.robot.pass_over(stalled) {
+        if stalled > 0 && self.robot.pass_over(stalled)? {
             self.lost += stalled;
             if stalled >= self.settings.run.period_nanos {
                 self.pulse.health().set_last_error("the machine suspended the driver: see its log");
@@ -206,7 +206,7 @@ impl<'a, B: Base> Plant<'a, B> {
                 "the machine suspended the simulator; its world stood still"
             );
         }
-        now
+        Ok(now)
     }
 
     fn run_lock_step(&mut self, stop: &Stop) -> Result<(), RunError> {

@@ -249,6 +249,15 @@ impl Gate {
         self.input_nanos = now;
     }
 
+    /// Lowers each axis of the output to the measured `velocity` of a base that has stopped its
+    /// motors by itself, so that the ramp of the brake does not drive it again. NaN lowers nothing.
+    pub fn lower_to(&mut self, velocity: &Velocity) {
+        for (output, measured) in self.input.iter_mut().zip(velocity) {
+            let along = measured * output.signum();
+            *output = output.abs().min(along).max(0.0).copysign(*output);
+        }
+    }
+
     /// Ends the period at `now`, and returns its fallback level: that of the answer to its own
     /// state, if one arrived in time.
     pub fn end_period(&mut self, now: u64) -> (FallbackLevel, Reason) {
