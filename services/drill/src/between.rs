@@ -9,7 +9,7 @@ use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind, worse}
 use super::hosts::{Cable, Hosts};
 use super::measure::{Measured, measure};
 use super::oracle::Limits;
-use super::record::Record;
+use super::record::{Message, Record};
 use super::session::{Home, Session, Trouble};
 use certificates::issue::{Order, issue};
 use graph::file::Processes;
@@ -275,11 +275,11 @@ fn judge_failures(record: &Record, failure: Failure, limits: &Limits, all: &[Fel
             Failure::Expiry => EXPIRES_WITHIN_S,
             _ => 0.0,
         };
-        let expected_s = (end - begin) as f64 * 1e-9 - unfelt_s;
-        let expected = if matches!(failure, Failure::Slow(_)) {
-            0
-        } else {
-            ((expected_s / limits.period_s) as usize).saturating_sub(2).max(1)
+        // Counted in states: a simulator that the machine has suspended sends fewer of them.
+        let felt_from = begin + (unfelt_s * 1e9) as u64;
+        let expected = match failure {
+            Failure::Slow(_) => 0,
+            _ => states_between(record, felt_from, end).count().saturating_sub(2).max(1),
         };
         let back = back_after(record, begin, end);
         let unanswered = periods_without_an_answer(record, begin, back.unwrap_or(u64::MAX));
@@ -313,11 +313,14 @@ fn back_after(record: &Record, begin: u64, end: u64) -> Option<u64> {
     fresh.map(|state| state.stamp("sent_nanos")).find(|&at| at > lost.max(end))
 }
 
+/// The states that were sent between two times \[ns\].
+fn states_between(record: &Record, from: u64, until: u64) -> impl Iterator<Item = &Message> {
+    record.of("state").filter(move |state| (from..until).contains(&state.stamp("sent_nanos")))
+}
+
 /// Number of periods between two times \[ns\] without an answer to their own state.
 fn periods_without_an_answer(record: &Record, from: u64, until: u64) -> usize {
-    let within =
-        record.of("state").filter(|state| (from..until).contains(&state.stamp("sent_nanos")));
-    within
+    states_between(record, from, until)
         .filter(|state| state.count("accepted_tick").checked_add(1) != Some(state.stamp("tick")))
         .count()
 }
