@@ -9,7 +9,7 @@ use super::exercise::{SETTLED, judge_tracking, judge_wheels, left_behind, worse}
 use super::hosts::{Cable, Hosts};
 use super::measure::{Measured, measure};
 use super::oracle::Limits;
-use super::record::{Message, Record};
+use super::record::Record;
 use super::session::{Home, Session, Trouble};
 use certificates::issue::{Order, issue};
 use graph::file::Processes;
@@ -275,11 +275,10 @@ fn judge_failures(record: &Record, failure: Failure, limits: &Limits, all: &[Fel
             Failure::Expiry => EXPIRES_WITHIN_S,
             _ => 0.0,
         };
-        // Counted in states: a simulator that the machine has suspended sends fewer of them.
         let felt_from = begin + (unfelt_s * 1e9) as u64;
         let expected = match failure {
             Failure::Slow(_) => 0,
-            _ => states_between(record, felt_from, end).count().saturating_sub(2).max(1),
+            _ => periods_between(record, felt_from, end, limits.period_s).saturating_sub(2).max(1),
         };
         let back = back_after(record, begin, end);
         let unanswered = periods_without_an_answer(record, begin, back.unwrap_or(u64::MAX));
@@ -313,14 +312,24 @@ fn back_after(record: &Record, begin: u64, end: u64) -> Option<u64> {
     fresh.map(|state| state.stamp("sent_nanos")).find(|&at| at > lost.max(end))
 }
 
-/// The states that were sent between two times \[ns\].
-fn states_between(record: &Record, from: u64, until: u64) -> impl Iterator<Item = &Message> {
-    record.of("state").filter(move |state| (from..until).contains(&state.stamp("sent_nanos")))
+/// Number of periods that the plant began between two times \[ns\], by its ticks: they go on where
+/// states are lost, and stand still with a simulator that the machine suspends. Without a later
+/// state of the same plant it is that of the time.
+fn periods_between(record: &Record, from: u64, until: u64, period_s: f64) -> usize {
+    let first = |at: u64| record.of("state").find(|state| state.stamp("sent_nanos") >= at);
+    match (first(from), first(until)) {
+        (Some(a), Some(b)) if a.stamp("epoch") == b.stamp("epoch") => {
+            b.stamp("tick").saturating_sub(a.stamp("tick")) as usize
+        }
+        _ => (until.saturating_sub(from) as f64 * 1e-9 / period_s) as usize,
+    }
 }
 
 /// Number of periods between two times \[ns\] without an answer to their own state.
 fn periods_without_an_answer(record: &Record, from: u64, until: u64) -> usize {
-    states_between(record, from, until)
+    let within =
+        record.of("state").filter(|state| (from..until).contains(&state.stamp("sent_nanos")));
+    within
         .filter(|state| state.count("accepted_tick").checked_add(1) != Some(state.stamp("tick")))
         .count()
 }
@@ -329,5 +338,37 @@ fn wait(time: Duration, stop: &Stop) {
     let end = Instant::now() + time;
     while !stop.requested() && Instant::now() < end {
         thread::sleep(Duration::from_millis(5).min(end.saturating_duration_since(Instant::now())));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Message;
+    use serde_json::json;
+    use std::ops::Range;
+
+    const PERIOD: u64 = 20_000_000;
+
+    /// 40 states of a plant that stands still for `stalled` periods before tick 5, without those of
+    /// the ticks `lost`. From tick `restarts` on they are those of another epoch.
+    fn record(stalled: u64, lost: Range<u64>, restarts: u64) -> Record {
+        let state = |tick: u64| {
+            let sent = PERIOD * (tick + if tick < 5 { 0 } else { stalled });
+            let (epoch, tick) = if tick < restarts { (1, tick) } else { (2, tick - restarts) };
+            let stamp = json!({"sent_nanos": sent, "tick": tick, "epoch": epoch});
+            Message { topic: "state".to_owned(), says: json!({ "stamp": stamp }) }
+        };
+        Record::of_messages((0..40).filter(|tick| !lost.contains(tick)).map(state).collect())
+    }
+
+    #[test]
+    fn periods_are_those_of_the_plant_also_where_states_are_lost_or_it_stood_still() {
+        let periods = |record: &Record| periods_between(record, 0, 15 * PERIOD, 0.02);
+        assert_eq!(periods(&record(0, 0..0, 40)), 15);
+        assert_eq!(periods(&record(4, 0..0, 40)), 11, "stood still for 4 periods");
+        assert_eq!(periods(&record(0, 3..14, 40)), 15, "states that the recorder lost");
+        assert_eq!(periods(&record(0, 0..0, 12)), 15, "a restarted plant");
+        assert_eq!(periods(&record(0, 10..40, 40)), 15, "no later state");
     }
 }
