@@ -4,9 +4,7 @@ use graph::assembly::Assembly;
 use graph::options::Options;
 use process::{Gap, Witness};
 use promises::oracle::{Limits, acquit};
-use promises::{
-    Hosts, Launched, Message, Outcome, Record, graph_file, launch_command, signal, sweep_after,
-};
+use promises::{Hosts, Launched, Outcome, Record, graph_file, launch_command, signal, sweep_after};
 use rustix::process::Signal;
 use std::error::Error;
 use std::thread;
@@ -17,24 +15,28 @@ const BACK_WITHIN_S: f64 = 2.0;
 /// How long the cable is disconnected.
 const CUT: Duration = Duration::from_secs(3);
 
+/// Good periods after which the gate ends a brake.
+const ENDS_A_BRAKE: usize = 3;
+
 /// Periods below a fresh plan in which, by `gaps`, the machine ran all threads that were ready.
 /// Each with its fallback level.
 fn unexplained(record: &Record, gaps: &[Gap]) -> Vec<String> {
     let states: Vec<_> = record.of("state").collect();
-    let below = states
-        .windows(3)
-        .filter(|three| !matches!(three[2].word("fallback_level"), "fresh plan" | "waiting"));
-    // The state with this fallback level follows the period, which began with the state before. The
-    // process that should have answered that state may have been late already.
-    let explained = |three: &&[&Message]| {
-        let [begin, end] = [0, 2].map(|at| three[at].stamp("sent_nanos"));
+    let sent = |at: usize| states[at].stamp("sent_nanos");
+    // The state with a fallback level follows its period, which began with the state before. The
+    // process that should have answered that state may have been late already. A brake goes on in
+    // the good periods before its end.
+    let is_explained = |at: usize, level: &str| {
+        let before = if level == "brake" { 2 + ENDS_A_BRAKE } else { 2 };
+        let (begin, end) = (sent(at.saturating_sub(before)), sent(at));
         gaps.iter().any(|gap| gap.from_nanos < end && begin < gap.to_nanos)
     };
-    below
-        .filter(|three| !explained(three))
-        .map(|three| {
-            format!("{} at tick {}", three[2].word("fallback_level"), three[2].stamp("tick"))
+    (2..states.len())
+        .map(|at| (at, states[at].word("fallback_level")))
+        .filter(|&(at, level)| {
+            !matches!(level, "fresh plan" | "waiting") && !is_explained(at, level)
         })
+        .map(|(at, level)| format!("{level} at tick {}", states[at].stamp("tick")))
         .collect()
 }
 
