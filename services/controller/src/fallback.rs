@@ -90,3 +90,6 @@ impl FallbackChoice {
         self.shifts = None;
     }
 }
+
+#[cfg(test)]
+mod tests;
