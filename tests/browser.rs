@@ -68,12 +68,12 @@ impl Browser {
         let mut child = command.spawn()?;
         let input = child.stdin.take().ok_or("no input")?;
         let mut output = BufReader::new(child.stdout.take().ok_or("no output")?);
-        let (heard, answers) = mpsc::channel();
+        let (received, answers) = mpsc::channel();
         thread::spawn(move || {
             let mut message = Vec::new();
             while output.read_until(0, &mut message).is_ok_and(|count| count > 0) {
                 let parsed = serde_json::from_slice(message.strip_suffix(&[0]).unwrap_or(&message));
-                if !parsed.is_ok_and(|parsed: Value| heard.send(parsed).is_ok()) {
+                if !parsed.is_ok_and(|parsed: Value| received.send(parsed).is_ok()) {
                     break;
                 }
                 message.clear();
@@ -286,7 +286,7 @@ impl Browser {
                 .recv_timeout(left)
                 .map_err(|error| format!("{method}: {error}; {}", self.last_words()))?;
             if answer["id"] != json!(self.calls) {
-                self.overhear(&answer);
+                self.note_event(&answer);
             } else if answer.get("error").is_some() {
                 return Err(format!("{method}: {}", answer["error"]).into());
             } else {
@@ -295,7 +295,7 @@ impl Browser {
         }
     }
 
-    fn overhear(&mut self, told: &Value) {
+    fn note_event(&mut self, told: &Value) {
         let parameters = &told["params"];
         match told["method"].as_str() {
             Some("Network.requestWillBeSent") => {

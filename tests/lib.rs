@@ -105,7 +105,7 @@ pub struct Launched {
     child: Child,
     home: TempDir,
     /// Its output, in a file without a name.
-    said: File,
+    output: File,
 }
 
 /// How a launch ended.
@@ -150,13 +150,13 @@ impl Launched {
     /// # Errors
     /// If it cannot be started.
     pub fn by(mut command: Command, home: TempDir) -> Result<Self, Box<dyn Error>> {
-        let said = tempfile::tempfile()?;
+        let output = tempfile::tempfile()?;
         command
             .env("TMPDIR", home.path())
             .stdin(Stdio::null())
-            .stdout(said.try_clone()?)
-            .stderr(said.try_clone()?);
-        Ok(Self { child: command.spawn()?, home, said })
+            .stdout(output.try_clone()?)
+            .stderr(output.try_clone()?);
+        Ok(Self { child: command.spawn()?, home, output })
     }
 
     /// The run's folder.
@@ -307,10 +307,10 @@ impl Launched {
 
     /// The output so far.
     fn text(&self) -> io::Result<String> {
-        let mut text = vec![0; usize::try_from(self.said.metadata()?.len()).unwrap_or(0)];
+        let mut text = vec![0; usize::try_from(self.output.metadata()?.len()).unwrap_or(0)];
         // The launch writes at the offset that this file shares with its own; reading at an offset
         // does not move it.
-        self.said.read_exact_at(&mut text, 0)?;
+        self.output.read_exact_at(&mut text, 0)?;
         Ok(String::from_utf8_lossy(&text).into_owned())
     }
 

@@ -8,13 +8,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 /// The lines printed so far.
-type Said = Arc<Mutex<Vec<String>>>;
+type Collected = Arc<Mutex<Vec<String>>>;
 
 /// The program; it ends with this value.
 pub struct Reader {
     child: Child,
-    output: Said,
-    errors: Said,
+    output: Collected,
+    errors: Collected,
     read: usize,
 }
 
@@ -83,18 +83,18 @@ impl Drop for Reader {
     }
 }
 
-fn collect(stream: impl Read + Send + 'static) -> Said {
-    let said = Said::default();
-    let lines = Arc::clone(&said);
+fn collect(stream: impl Read + Send + 'static) -> Collected {
+    let collected = Collected::default();
+    let lines = Arc::clone(&collected);
     thread::spawn(move || {
         BufReader::new(stream)
             .lines()
             .map_while(Result::ok)
             .for_each(|line| lock(&lines).push(line));
     });
-    said
+    collected
 }
 
-fn lock(said: &Said) -> std::sync::MutexGuard<'_, Vec<String>> {
-    said.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(collected: &Collected) -> std::sync::MutexGuard<'_, Vec<String>> {
+    collected.lock().unwrap_or_else(PoisonError::into_inner)
 }

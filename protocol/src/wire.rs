@@ -70,9 +70,9 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, DecodeError> {
         return Err(DecodeError::Checksum { message: T::NAME, expected, got: header.checksum });
     }
     let mut message = T::read_wire(body)?;
-    let said = *message.stamp();
+    let stamp = *message.stamp();
     *message.stamp_mut() =
-        Stamp { checksum: header.checksum, version: header.version, kind: header.kind, ..said };
+        Stamp { checksum: header.checksum, version: header.version, kind: header.kind, ..stamp };
     Ok(message)
 }
 

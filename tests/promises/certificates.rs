@@ -32,8 +32,10 @@ fn certificates(home: &Path, addresses: &[String]) -> Result<PathBuf, Box<dyn Er
     let output = command.output()?;
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8_lossy(&output.stdout);
-    for said in ["new authority", "keep it off the robot", "valid until", "robot-host", "watcher"] {
-        assert!(text.contains(said), "{text}");
+    for expected in
+        ["new authority", "keep it off the robot", "valid until", "robot-host", "watcher"]
+    {
+        assert!(text.contains(expected), "{text}");
     }
     Ok(folder)
 }
@@ -59,7 +61,12 @@ fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     Ok(record
         .of("command")
         .map(|command| {
-            format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"])
+            format!(
+                "{} {} {}",
+                command.stamp("tick"),
+                command.fields["input"],
+                command.fields["tail"]
+            )
         })
         .collect())
 }

@@ -42,7 +42,7 @@ const LATE: [&str; 4] = [
 /// machine of its own, judges time limits. A recovery that did not happen at all is no such
 /// finding.
 fn is_late(found: &str) -> bool {
-    let says = |word: &str, expected: &str| match expected.strip_suffix(',') {
+    let fields = |word: &str, expected: &str| match expected.strip_suffix(',') {
         _ if expected == "*" => {
             ["plant", "controller", "learner", "recorder", "gateway"].contains(&word)
         }
@@ -53,7 +53,7 @@ fn is_late(found: &str) -> bool {
     let words: Vec<&str> = found.split(' ').collect();
     LATE.iter().map(|late| late.split(' ').collect::<Vec<_>>()).any(|late| {
         late.len() == words.len()
-            && words.iter().zip(&late).all(|(word, expected)| says(word, expected))
+            && words.iter().zip(&late).all(|(word, expected)| fields(word, expected))
     })
 }
 

@@ -34,12 +34,12 @@ fn parts(line: &str) -> Option<(u64, f64, usize)> {
 
 /// The error in the record, by tick \[m\].
 fn recorded(record: &Record) -> BTreeMap<u64, f64> {
-    let error = |says: &serde_json::Value| {
-        let place = |row: &str, axis: usize| says[row][0][axis].as_f64().unwrap_or(f64::NAN);
+    let error = |fields: &serde_json::Value| {
+        let place = |row: &str, axis: usize| fields[row][0][axis].as_f64().unwrap_or(f64::NAN);
         (place("predicted", 0) - place("reference", 0))
             .hypot(place("predicted", 1) - place("reference", 1))
     };
-    record.of("plan").map(|plan| (plan.stamp("tick"), error(&plan.says))).collect()
+    record.of("plan").map(|plan| (plan.stamp("tick"), error(&plan.fields))).collect()
 }
 
 #[test]

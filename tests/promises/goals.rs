@@ -57,7 +57,7 @@ fn expected(phases: &[(u64, &str)]) -> Vec<(u64, String)> {
 
 /// First reference of a plan: x, y, yaw, and the velocity in its own heading.
 fn reference(plan: &Message) -> Result<[f64; 6], Box<dyn Error>> {
-    let row = plan.says["reference"][0].as_array().ok_or("no reference")?;
+    let row = plan.fields["reference"][0].as_array().ok_or("no reference")?;
     let numbers: Vec<f64> = row.iter().filter_map(serde_json::Value::as_f64).collect();
     Ok(numbers.try_into().map_err(|_| "not six numbers")?)
 }
@@ -193,7 +193,7 @@ fn a_goal_waits_while_the_gate_is_stopped_and_goes_on_after_it() -> Outcome {
     // The robot does not hurry after a reference that went on without it.
     let error = |plan: &Message| -> Option<f64> {
         let [x, y, ..] = reference(plan).ok()?;
-        let at = |index: usize| plan.says["predicted"][0][index].as_f64();
+        let at = |index: usize| plan.fields["predicted"][0][index].as_f64();
         Some((x - at(0)?).hypot(y - at(1)?))
     };
     let worst = record.of("plan").filter_map(error).fold(0.0, f64::max);

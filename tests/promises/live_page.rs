@@ -257,11 +257,11 @@ fn a_press_of_the_stop_button_stops_the_robot_and_nothing_else_on_the_page_does(
     let record = Record::read(&home.path().join("run"))?;
     let orders: Vec<_> = record
         .of("set")
-        .map(|set| ["process", "change", "outcome"].map(|key| set.says[key].as_str()))
+        .map(|set| ["process", "change", "outcome"].map(|key| set.fields[key].as_str()))
         .collect();
     let order = |change| ["plant", change, "applied"].map(Some);
     assert_eq!(orders, ["stop", "resume", "stop"].map(order));
-    let by_page: Vec<bool> = record.of("set").map(|set| set.says["who"] == "page").collect();
+    let by_page: Vec<bool> = record.of("set").map(|set| set.fields["who"] == "page").collect();
     assert_eq!(by_page, [true, false, true]);
     let last = record.of("state").next_back().ok_or("no state")?;
     assert_eq!((last.word("gate"), last.word("stop")), ("stopped", "operator stop"));

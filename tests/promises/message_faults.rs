@@ -116,7 +116,7 @@ fn survives(place: Place, pace: &str) -> Outcome {
     let window = WINDOW.0 + STRIDE * (KINDS.len() as u64 - 1);
     let known = |found: &Violation| {
         misquoted
-            && found.rule == Rule::Said
+            && found.rule == Rule::AsCommanded
             && (window..=window + WINDOW.1 + 3).contains(&found.tick)
     };
     let violations: Vec<Violation> =
@@ -186,7 +186,7 @@ fn commands(run: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let record = Record::read(run)?;
     let commands = record
         .of("command")
-        .map(|command| format!("{} {}", command.stamp("tick"), command.says["input"]));
+        .map(|command| format!("{} {}", command.stamp("tick"), command.fields["input"]));
     Ok(commands.collect())
 }
 

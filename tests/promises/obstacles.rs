@@ -23,7 +23,7 @@ fn numbers(value: &serde_json::Value) -> Vec<f64> {
 
 /// The obstacles of a list.
 fn listed(list: &Message) -> Result<Vec<Obstacle>, Box<dyn Error>> {
-    let rows = list.says["obstacles"].as_array().ok_or("no obstacles")?;
+    let rows = list.fields["obstacles"].as_array().ok_or("no obstacles")?;
     let obstacles = rows.iter().map(|row| {
         let row = numbers(row);
         let (corners, _) = row[3..].as_chunks::<2>();
@@ -40,7 +40,7 @@ fn runs_of(graph: &str, recorder: &str) -> Result<Record, Box<dyn Error>> {
 }
 
 fn commands(record: &Record) -> Vec<String> {
-    record.of("command").map(|message| message.says["input"].to_string()).collect()
+    record.of("command").map(|message| message.fields["input"].to_string()).collect()
 }
 
 /// Checks the true motion of the robot against everything around it.
@@ -56,7 +56,7 @@ fn judge(record: &Record) -> Result<(), Box<dyn Error>> {
     assert_eq!(lists.len(), truths.len(), "one list per period");
     for (truth, (tick, list)) in truths.iter().zip(&lists) {
         assert_eq!(truth.stamp("tick"), *tick);
-        let pose: [f64; 3] = numbers(&truth.says["pose"]).try_into().map_err(|_| "a pose")?;
+        let pose: [f64; 3] = numbers(&truth.fields["pose"]).try_into().map_err(|_| "a pose")?;
         let robot = footprint.placed(&pose);
         for obstacle in map.obstacles.iter().chain(list) {
             let apart = robot.separation(&obstacle.shape).distance_m;
@@ -66,7 +66,7 @@ fn judge(record: &Record) -> Result<(), Box<dyn Error>> {
             let point = Shape::hull(&[*corner], 0.0)?;
             assert!(fence.separation(&point).distance_m <= 0.0, "tick {tick}: outside");
         }
-        let velocity = numbers(&truth.says["velocity"]);
+        let velocity = numbers(&truth.fields["velocity"]);
         for (zone, limit) in &map.zones {
             let speed = velocity[0].hypot(velocity[1]);
             let is_inside = robot.separation(zone).distance_m <= 0.0;

@@ -74,7 +74,7 @@ fn the_samples_of_a_record_are_those_that_the_controller_sent() -> Outcome {
     for message in sent {
         let tick = message.stamp("tick");
         let sample = ours.iter().find(|sample| sample.stamp.tick == tick).ok_or("no sample")?;
-        let told = message.says["dead_time_s"].as_f64();
+        let told = message.fields["dead_time_s"].as_f64();
         assert_eq!(told, Some(sample.dead_time_s), "dead time at tick {tick}");
         for (name, numbers) in [
             ("velocity", sample.velocity),

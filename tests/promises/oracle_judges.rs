@@ -52,26 +52,26 @@ fn good_eight() -> Result<(Record, Limits, Course), Box<dyn Error>> {
 }
 
 /// The record in which the tail of the answer to tick 49 acted in the period that began with tick
-/// 50, as it was sent, or as `said` changes it.
-fn bridged(record: &Record, said: impl Fn(&mut Value)) -> Vec<Message> {
+/// 50, as it was sent, or as `change` changes it.
+fn bridged(record: &Record, change: impl Fn(&mut Value)) -> Vec<Message> {
     let mut messages = record.messages().to_vec();
     let answer = messages
         .iter()
         .find(|message| message.topic == "truth" && message.stamp("tick") == 50)
-        .map(|message| message.says.clone());
+        .map(|message| message.fields.clone());
     for message in &mut messages {
         match (message.topic.as_str(), message.stamp("tick")) {
             // The wheels keep their previous speed, so that must be the tail.
             ("command", 49) => {
-                message.says["tail"][0] = message.says["input"].clone();
-                said(&mut message.says["tail"][0]);
+                message.fields["tail"][0] = message.fields["input"].clone();
+                change(&mut message.fields["tail"][0]);
             }
             ("truth", 51) => {
                 for field in ["wheel_command", "acting_tick"] {
-                    message.says[field] =
+                    message.fields[field] =
                         answer.as_ref().map_or(Value::Null, |truth| truth[field].clone());
                 }
-                (message.says["fallback_level"], message.says["reason"]) =
+                (message.fields["fallback_level"], message.fields["reason"]) =
                     (json!("stored tail"), json!("command missing"));
             }
             _ => {}
@@ -93,7 +93,7 @@ fn violated(
         .iter_mut()
         .filter(|message| message.topic == topic && message.stamp("tick") == tick)
     {
-        change(&mut message.says);
+        change(&mut message.fields);
     }
     judge(&Record::of_messages(messages), limits).iter().map(|violation| violation.rule).collect()
 }
@@ -111,19 +111,19 @@ fn braked(record: &Record, limits: &Limits, until: u64, answered_from: u64) -> V
         if !matches!(message.topic.as_str(), "state" | "truth") || !(50..until).contains(&tick) {
             continue;
         }
-        message.says["fallback_level"] = json!("brake");
-        message.says["reason"] = json!("command missing");
+        message.fields["fallback_level"] = json!("brake");
+        message.fields["reason"] = json!("command missing");
         if message.topic == "state" && tick < answered_from {
-            message.says["accepted_tick"] = json!(48);
+            message.fields["accepted_tick"] = json!(48);
         }
         if message.topic == "truth" {
             for (value, brake) in body.iter_mut().zip(limits.brake) {
                 let ramp = brake * limits.period_s;
                 *value -= value.clamp(-ramp, ramp);
             }
-            message.says["wheel_command"] = json!(wheels_of(body, limits));
+            message.fields["wheel_command"] = json!(wheels_of(body, limits));
             for field in ["acting_epoch", "acting_tick", "acting_age_nanos"] {
-                message.says[field] = json!(0);
+                message.fields[field] = json!(0);
             }
         }
     }
@@ -164,16 +164,16 @@ fn a_good_run_has_no_violation_and_each_bad_one_exactly_its_own() -> Outcome {
     );
     assert_eq!(
         found(("truth", 60), &|truth| truth["wheel_command"] = json!(vec![-60.0; 4])),
-        [Rule::Rate, Rule::Leap, Rule::Said]
+        [Rule::Rate, Rule::Leap, Rule::AsCommanded]
     );
     let another = |truth: &mut Value| {
         truth["wheel_command"][0] =
             json!(truth["wheel_command"][0].as_f64().unwrap_or(0.0) + 0.001);
     };
-    assert_eq!(found(("truth", 60), &another), [Rule::Said]);
+    assert_eq!(found(("truth", 60), &another), [Rule::AsCommanded]);
     assert_eq!(
         found(("command", 59), &|command| command["input"] = json!([0.0, 0.0, 0.0])),
-        [Rule::Said]
+        [Rule::AsCommanded]
     );
     assert_eq!(
         found(("truth", 60), &|truth| truth["acting_age_nanos"] = json!(301_000_000)),
@@ -181,7 +181,7 @@ fn a_good_run_has_no_violation_and_each_bad_one_exactly_its_own() -> Outcome {
     );
     assert_eq!(
         found(("truth", 60), &|truth| truth["acting_tick"] = json!(56)),
-        [Rule::Age, Rule::Said]
+        [Rule::Age, Rule::AsCommanded]
     );
     assert_eq!(
         found(("truth", 60), &|truth| truth["acting_writer"] = json!(5)),
@@ -228,8 +228,8 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
     for message in
         stopped.iter_mut().filter(|message| message.topic == "state" && message.stamp("tick") == 60)
     {
-        message.says["fallback_level"] = json!("latched stop");
-        message.says["reason"] = json!("operator stop");
+        message.fields["fallback_level"] = json!("latched stop");
+        message.fields["reason"] = json!("operator stop");
     }
     assert_eq!(rules(stopped, &limits), [], "a latched stop keeps the brake");
     let mut messages = braked(&record, &limits, 60, 57);
@@ -237,7 +237,7 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
         .iter_mut()
         .filter(|message| message.topic == "truth" && message.stamp("tick") == 51)
     {
-        message.says["wheel_command"] = json!(vec![54.0; 4]);
+        message.fields["wheel_command"] = json!(vec![54.0; 4]);
     }
     assert!(rules(messages, &limits).contains(&Rule::Ramp));
     Ok(())
@@ -247,7 +247,10 @@ fn a_brake_is_a_ramp_to_rest_that_is_left_after_three_good_periods() -> Outcome 
 fn a_gap_is_bridged_by_the_tail_that_was_sent() -> Outcome {
     let (record, limits) = good_run()?;
     assert_eq!(rules(bridged(&record, |_| ()), &limits), []);
-    assert_eq!(rules(bridged(&record, |entry| entry[0] = json!(0.5)), &limits), [Rule::Said]);
+    assert_eq!(
+        rules(bridged(&record, |entry| entry[0] = json!(0.5)), &limits),
+        [Rule::AsCommanded]
+    );
     Ok(())
 }
 
@@ -260,9 +263,9 @@ fn the_wheels_do_not_leap_into_the_brake_nor_out_of_it() -> Outcome {
             .iter_mut()
             .filter(|message| message.topic == "truth" && message.stamp("tick") == tick)
         {
-            message.says["wheel_command"] = json!(vec![wheels; 4]);
+            message.fields["wheel_command"] = json!(vec![wheels; 4]);
             if acted_nanos > 0 {
-                message.says["acting_age_nanos"] = json!(acted_nanos);
+                message.fields["acting_age_nanos"] = json!(acted_nanos);
             }
         }
         rules(messages, &limits)
@@ -328,14 +331,14 @@ fn displaced(
         let tick = message.stamp("tick");
         match message.topic.as_str() {
             "truth" => {
-                let left = message.says["pose"][1].as_f64().unwrap_or(0.0);
-                message.says["pose"][1] = json!(left + offset(tick));
+                let left = message.fields["pose"][1].as_f64().unwrap_or(0.0);
+                message.fields["pose"][1] = json!(left + offset(tick));
                 // The heading is 0, so left in the body is left in the world.
-                let speed = message.says["velocity"][1].as_f64().unwrap_or(0.0);
+                let speed = message.fields["velocity"][1].as_f64().unwrap_or(0.0);
                 let moved = (offset(tick + 1) - offset(tick)) / 0.02;
-                message.says["velocity"][1] = json!(speed + moved);
+                message.fields["velocity"][1] = json!(speed + moved);
             }
-            "state" if braking.contains(&tick) => message.says["fallback_level"] = json!("brake"),
+            "state" if braking.contains(&tick) => message.fields["fallback_level"] = json!("brake"),
             _ => {}
         }
     }
@@ -393,7 +396,7 @@ const MS: u64 = 1_000_000;
 fn in_the_dark(dark: std::ops::Range<u64>, missed: u64) -> Record {
     let state = |tick: u64| Message {
         topic: "state".to_owned(),
-        says: json!({
+        fields: json!({
             "stamp": {"epoch": 1, "tick": tick, "sent_nanos": (1000 + 20 * tick) * MS},
             "fallback_level": "fresh plan",
         }),
@@ -401,7 +404,7 @@ fn in_the_dark(dark: std::ops::Range<u64>, missed: u64) -> Record {
     // Sent at the end of a period, right before the next state.
     let health = |tick: u64, missed: u64| Message {
         topic: "health".to_owned(),
-        says: json!({
+        fields: json!({
             "stamp": {"sequence": tick, "sent_nanos": (1000 + 20 * tick) * MS - 1000},
             "participant": "plant", "deadlines_met": tick - missed, "deadlines_missed": missed,
         }),
@@ -442,7 +445,7 @@ fn a_late_wake_up_excuses_a_recorded_period_only_if_the_two_overlap() -> Outcome
             .iter_mut()
             .filter(|message| message.topic == "state" && message.stamp("tick") == tick)
         {
-            (message.says["fallback_level"], message.says["reason"]) =
+            (message.fields["fallback_level"], message.fields["reason"]) =
                 (json!("stored tail"), json!("command missing"));
         }
         let [from_nanos, to_nanos] = gap.map(|at| (1000 + at) * MS);

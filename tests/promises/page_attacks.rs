@@ -65,7 +65,7 @@ fn answers_its_readers(place: &str, own: &str) -> Outcome {
     assert!(head.starts_with("HTTP/1.1 200 OK\r\n") && body.ends_with("</html>\n"), "{head}");
     let policy =
         head.lines().find(|line| line.starts_with("Content-Security-Policy: ")).unwrap_or_default();
-    for said in [
+    for expected in [
         "default-src 'none'",
         "frame-ancestors 'none'",
         "base-uri 'none'",
@@ -73,7 +73,10 @@ fn answers_its_readers(place: &str, own: &str) -> Outcome {
         "connect-src 'self'",
         "script-src 'nonce-",
     ] {
-        assert!(policy.contains(said) && !policy.contains("unsafe"), "{said} is not in {policy}");
+        assert!(
+            policy.contains(expected) && !policy.contains("unsafe"),
+            "{expected} is not in {policy}"
+        );
     }
     for header in [
         "X-Content-Type-Options: nosniff",

@@ -143,7 +143,7 @@ fn a_robot_slows_before_an_obstacle_that_only_a_planner_knows_and_when_the_plann
     let is_of_planner = |list: &Message| list.word("source") == "planner";
     assert!(record.of("obstacles").all(is_of_planner) && record.of("obstacles").count() > 40);
     let health = record.health_of("plant").next_back().ok_or("no health")?;
-    let received = health.says["received"]["obstacles"].as_u64();
+    let received = health.fields["received"]["obstacles"].as_u64();
     assert!(received > Some(40), "Health of the plant counts the lists: {received:?}");
     Ok(())
 }
@@ -193,7 +193,7 @@ fn commands_of(graph: &str, host: &str, lists: &str) -> Result<Vec<String>, Box<
             assert!(footprint(truth)?.separation(&disc).distance_m > 0.0);
         }
     }
-    Ok(record.of("command").map(|message| message.says["input"].to_string()).collect())
+    Ok(record.of("command").map(|message| message.fields["input"].to_string()).collect())
 }
 
 #[test]
@@ -252,7 +252,7 @@ fn short_programs_in_rust_and_python_stream_obstacles() -> Outcome {
     let record = end(launched)?;
     let lists: Vec<&Message> = record.of("obstacles").collect();
     assert!(lists.len() >= 20, "{} lists", lists.len());
-    let y = |list: &Message| list.says["obstacles"][1][4].as_f64();
+    let y = |list: &Message| list.fields["obstacles"][1][4].as_f64();
     assert!(lists.iter().all(|list| y(list).is_some_and(|y| y <= 2.0 && y > 1.5)));
     for mut program in programs()? {
         assert_eq!(program.output()?.status.code(), Some(2), "{program:?}");

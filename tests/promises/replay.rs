@@ -32,7 +32,7 @@ const AGAIN_AFTER: usize = 4;
 
 /// A recorded command as it was sent.
 fn command(message: &Message) -> Option<Command> {
-    let says = &message.says;
+    let fields = &message.fields;
     let mut command: Command = Zeroable::zeroed();
     let stamp = &mut command.stamp;
     (stamp.writer, stamp.epoch, stamp.sequence) =
@@ -45,9 +45,9 @@ fn command(message: &Message) -> Option<Command> {
         <[f64; 3]>::try_from(row.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?)
             .ok()
     };
-    command.input = row(&says["input"])?;
-    for (place, said) in command.tail.iter_mut().zip(says["tail"].as_array()?) {
-        *place = row(said)?;
+    command.input = row(&fields["input"])?;
+    for (place, input) in command.tail.iter_mut().zip(fields["tail"].as_array()?) {
+        *place = row(input)?;
         command.tail_len += 1;
     }
     command.fallback_level = FallbackLevel::of_word(message.word("fallback_level"))?.code();
@@ -61,7 +61,7 @@ struct Player {
     sink: RawSink,
     recording: VecDeque<Command>,
     /// The last commands of the controller of this run.
-    overheard: VecDeque<Command>,
+    earlier: VecDeque<Command>,
     played: u64,
 }
 
@@ -78,7 +78,7 @@ impl Player {
             commands,
             sink,
             recording: recording.into(),
-            overheard: VecDeque::new(),
+            earlier: VecDeque::new(),
             played: 0,
         })
     }
@@ -93,14 +93,14 @@ impl Player {
             self.say(&due)?;
             self.played += 1;
         }
-        while let Some(said) = self.commands.next()? {
+        while let Some(command) = self.commands.next()? {
             // It receives its own commands, too.
-            if said.plant_epoch == state.stamp.epoch {
-                self.overheard.push_back(said);
+            if command.plant_epoch == state.stamp.epoch {
+                self.earlier.push_back(command);
             }
         }
-        while self.overheard.len() > AGAIN_AFTER {
-            if let Some(old) = self.overheard.pop_front() {
+        while self.earlier.len() > AGAIN_AFTER {
+            if let Some(old) = self.earlier.pop_front() {
                 self.say(&old)?;
             }
         }
@@ -211,7 +211,7 @@ fn a_recording_played_in_a_later_run_moves_nothing() -> Outcome {
     let recorded =
         record.of("command").filter(|command| strangers.contains(&command.stamp("writer"))).count()
             as u64;
-    assert_eq!(recorded, played, "the recorder has heard them");
+    assert_eq!(recorded, played, "the recorder has received them");
     let braked =
         record.of("state").filter(|state| state.word("fallback_level") == "brake").count() as u64;
     assert!(

@@ -13,10 +13,10 @@ fn commands(folder: &Path) -> Result<Vec<String>, Box<dyn Error>> {
         format!(
             "{} {} {} {} {}",
             message.stamp("tick"),
-            message.says["input"],
-            message.says["tail"],
-            message.says["model_version"],
-            message.says["fallback_level"]
+            message.fields["input"],
+            message.fields["tail"],
+            message.fields["model_version"],
+            message.fields["fallback_level"]
         )
     };
     Ok(record.of("command").map(of).collect())

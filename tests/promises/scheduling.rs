@@ -71,7 +71,7 @@ fn processes_run_with_the_scheduling_of_their_graph_file() -> Outcome {
         assert_eq!(status(plant, "VmLck")?, "0 kB");
     } else {
         assert!(
-            driving.is_err_and(|said| said.to_string().contains("scheduling.real_time_priority"))
+            driving.is_err_and(|error| error.to_string().contains("scheduling.real_time_priority"))
         );
     }
     Ok(())

@@ -20,7 +20,7 @@ const SILENT: Duration = Duration::from_secs(3);
 /// The service manager's end of the socket.
 struct Manager {
     socket: UnixDatagram,
-    heard: Vec<String>,
+    received: Vec<String>,
 }
 
 impl Manager {
@@ -31,7 +31,7 @@ impl Manager {
         loop {
             match self.socket.recv(&mut message) {
                 Ok(length) => {
-                    self.heard.push(
+                    self.received.push(
                         String::from_utf8_lossy(message.get(..length).unwrap_or_default())
                             .into_owned(),
                     );
@@ -45,22 +45,23 @@ impl Manager {
 
     /// Waits until `what` has arrived `times` more times.
     fn wait_for(&mut self, launched: &Launched, what: &str, times: usize) -> Outcome {
-        let count =
-            |heard: &[String]| heard.iter().filter(|message| message.as_str() == what).count();
-        let before = count(&self.heard);
+        let count = |received: &[String]| {
+            received.iter().filter(|message| message.as_str() == what).count()
+        };
+        let before = count(&self.received);
         launched.wait_until(&format!("{times} more {what}"), || {
-            self.listen().is_ok() && count(&self.heard) >= before + times
+            self.listen().is_ok() && count(&self.received) >= before + times
         })
     }
 
     /// Asserts that nothing arrives for a while.
-    fn hears_nothing(&mut self) -> Outcome {
+    fn receives_nothing(&mut self) -> Outcome {
         thread::sleep(UNDER_WAY);
         self.listen()?;
-        let (begin, before) = (Instant::now(), self.heard.len());
+        let (begin, before) = (Instant::now(), self.received.len());
         while begin.elapsed() < SILENT {
             self.listen()?;
-            if let Some(message) = self.heard.get(before) {
+            if let Some(message) = self.received.get(before) {
                 return Err(format!("a loop has stopped, and {message} came").into());
             }
             thread::sleep(Duration::from_millis(20));
@@ -80,7 +81,7 @@ fn only_the_loops_notify_the_watchdog() -> Outcome {
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
-    let mut manager = Manager { socket, heard: Vec::new() };
+    let mut manager = Manager { socket, received: Vec::new() };
     // A launcher that does not restart: a process that hangs continues to hang.
     let patient = ["plant", "controller"]
         .map(|role| format!("[processes.{role}]\nhung_after_millis = 600000\n"))
@@ -95,12 +96,17 @@ fn only_the_loops_notify_the_watchdog() -> Outcome {
 
     manager.wait_for(&launched, "READY=1", 1)?;
     manager.wait_for(&launched, "WATCHDOG=1", 5)?;
-    assert_eq!(manager.heard.first().map(String::as_str), Some("READY=1"), "{:?}", manager.heard);
+    assert_eq!(
+        manager.received.first().map(String::as_str),
+        Some("READY=1"),
+        "{:?}",
+        manager.received
+    );
     for (program, name) in [("controller", "the control loop"), ("plant-sim", "the gate's loop")] {
         let pid = launched.process(program, None)?;
         signal(pid, Signal::STOP)?;
         wait_until("that it stands still", || is_stopped(pid))?;
-        manager.hears_nothing().map_err(|error| format!("{name}: {error}"))?;
+        manager.receives_nothing().map_err(|error| format!("{name}: {error}"))?;
         signal(pid, Signal::CONT)?;
         manager
             .wait_for(&launched, "WATCHDOG=1", 2)
@@ -120,8 +126,8 @@ fn only_the_loops_notify_the_watchdog() -> Outcome {
     signal(launched.pid(), Signal::TERM)?;
     let (ended, _home) = launched.end()?;
     manager.listen()?;
-    assert_eq!(manager.heard.last().map(String::as_str), Some("STOPPING=1"), "{}", ended.text);
-    assert_eq!(manager.heard.iter().filter(|message| *message == "READY=1").count(), 1);
+    assert_eq!(manager.received.last().map(String::as_str), Some("STOPPING=1"), "{}", ended.text);
+    assert_eq!(manager.received.iter().filter(|message| *message == "READY=1").count(), 1);
     Ok(())
 }
 
@@ -131,14 +137,14 @@ fn the_watchdog_of_another_process_is_not_notified_and_a_missing_manager_is_name
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
-    let mut manager = Manager { socket, heard: Vec::new() };
+    let mut manager = Manager { socket, received: Vec::new() };
     let mut command =
         launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "3"])?;
     command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "100000").env("WATCHDOG_PID", "1");
     let (ended, home) = Launched::by(command, home)?.end()?;
     assert!(ended.status.success(), "{}", ended.text);
     manager.listen()?;
-    assert_eq!(manager.heard, ["READY=1", "STOPPING=1"]);
+    assert_eq!(manager.received, ["READY=1", "STOPPING=1"]);
 
     let mut command = launch_command(&graph_file("local"), &home.path().join("again"), &[])?;
     let output = command
@@ -158,7 +164,7 @@ fn a_restart_by_the_launcher_does_not_silence_the_watchdog_for_good() -> Result<
     let path = home.path().join("notify");
     let socket = UnixDatagram::bind(&path)?;
     socket.set_nonblocking(true)?;
-    let mut manager = Manager { socket, heard: Vec::new() };
+    let mut manager = Manager { socket, received: Vec::new() };
     let mut command =
         launch_command(&graph_file("local"), &home.path().join("run"), &["--duration", "600"])?;
     command

@@ -164,8 +164,8 @@ fn a_robot_thrown_off_its_path_stands_through_a_restart_until_a_person_resumes_i
         (Some("position error"), Some(1))
     );
     assert!(stops[0]["resumed_s"].as_f64() > stops[0]["at_s"].as_f64(), "{stops}");
-    let of_plant = record.of("set").filter(|settled| settled.says["process"] == "plant");
-    let outcomes: Vec<_> = of_plant.map(|settled| settled.says["outcome"].as_str()).collect();
+    let of_plant = record.of("set").filter(|settled| settled.fields["process"] == "plant");
+    let outcomes: Vec<_> = of_plant.map(|settled| settled.fields["outcome"].as_str()).collect();
     assert_eq!(outcomes, ["refused", "refused", "applied", "refused"].map(Some));
     let is_about_it =
         |line: &&str| line.starts_with("controller: ") && line.contains("limits.tracking_error_m");
@@ -252,7 +252,7 @@ fn a_robot_that_was_cut_off_catches_up() -> Outcome {
     assert!(stop_of(&record).is_err(), "it was latched: {}", ended.text);
     let error = |state: &Message| {
         let plan = record.of("plan").find(|plan| plan.stamp("tick") == state.stamp("tick"))?;
-        let reference = plan.says["reference"][0].as_array()?;
+        let reference = plan.fields["reference"][0].as_array()?;
         let at = |axis: usize| Some(reference.get(axis)?.as_f64()? - state.numbers("pose")[axis]);
         Some(at(0)?.hypot(at(1)?))
     };

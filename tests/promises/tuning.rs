@@ -154,7 +154,7 @@ fn end(launched: Launched) -> Result<Record, Box<dyn Error>> {
 /// The changes in the record, by process and number.
 fn on_record(record: &Record) -> Result<BTreeMap<(String, u64), Settled>, Box<dyn Error>> {
     let text =
-        record.of("set").map(|message| serde_json::from_value::<Settled>(message.says.clone()));
+        record.of("set").map(|message| serde_json::from_value::<Settled>(message.fields.clone()));
     Ok(text
         .collect::<Result<Vec<_>, _>>()?
         .into_iter()
@@ -272,7 +272,7 @@ fn the_plans_are_of_the_settings_that_the_record_gives(
             continue;
         }
         let point = reference.as_ref().ok_or("no reference")?.1.at(tick);
-        let begins: Vec<f64> = plan.says["reference"][0]
+        let begins: Vec<f64> = plan.fields["reference"][0]
             .as_array()
             .into_iter()
             .flatten()

@@ -47,8 +47,8 @@ fn a_record_opens_with_the_public_reader_and_its_drawings_fit_the_types_of_the_f
         ["z", "w"].map(|name| pose["orientation"][name].as_f64().unwrap_or(f64::NAN));
     assert!((2.0 * sine.atan2(cosine) - last[2]).sin().abs() < 1e-4, "yaw");
     let plan = record.of("plan").next_back().ok_or("no plan")?;
-    assert_eq!(value["last"]["tracking"]["model_version"], plan.says["model_version"]);
-    let rows = plan.says["predicted"].as_array().map(Vec::len);
+    assert_eq!(value["last"]["tracking"]["model_version"], plan.fields["model_version"]);
+    let rows = plan.fields["predicted"].as_array().map(Vec::len);
     assert_eq!(value["last"]["horizon"]["poses"].as_array().map(Vec::len), rows);
     Ok(())
 }

@@ -26,7 +26,12 @@ fn commands(record: &Record) -> Vec<String> {
     record
         .of("command")
         .map(|command| {
-            format!("{} {} {}", command.stamp("tick"), command.says["input"], command.says["tail"])
+            format!(
+                "{} {} {}",
+                command.stamp("tick"),
+                command.fields["input"],
+                command.fields["tail"]
+            )
         })
         .collect()
 }

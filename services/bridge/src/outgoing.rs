@@ -92,7 +92,7 @@ impl Outgoing<'_> {
     pub(crate) fn run<T: OnTopic>(&self, mut source: Source<T>) -> Result<(), ReceiveError> {
         self.acknowledged.wake_this_thread();
         let mut pieces = Pieces {
-            lane: self,
+            outgoing: self,
             window: Window::new(self.flow.window(), Instant::now()),
             number: 0,
             message: Vec::new(),
@@ -142,7 +142,7 @@ impl Outgoing<'_> {
 
 /// The pieces of the messages of one topic.
 struct Pieces<'a> {
-    lane: &'a Outgoing<'a>,
+    outgoing: &'a Outgoing<'a>,
     window: Window,
     /// Number of the last piece.
     number: u64,
@@ -157,7 +157,7 @@ struct Pieces<'a> {
 impl Pieces<'_> {
     /// Whether the stop request is so old that nothing is sent any more.
     fn is_over(&mut self) -> bool {
-        if self.lane.stop.requested() {
+        if self.outgoing.stop.requested() {
             self.stopped.get_or_insert_with(Instant::now);
         }
         self.stopped.is_some_and(|since| since.elapsed() >= DRAINS_WITHIN)
@@ -176,7 +176,7 @@ impl Pieces<'_> {
             }
             self.number += 1;
             let offset = u32::try_from(range.start).unwrap_or(u32::MAX);
-            let Outgoing { instance, link, flow, topic, .. } = *self.lane;
+            let Outgoing { instance, link, flow, topic, .. } = *self.outgoing;
             let label = Label { instance, number: self.number, offset, length };
             let bytes = ZBytes::from(self.message.get(range).unwrap_or_default());
             if flow.is_acknowledged() {
@@ -190,17 +190,17 @@ impl Pieces<'_> {
     /// was.
     fn tend(&mut self) -> bool {
         let now = Instant::now();
-        self.window.acknowledge(self.lane.acknowledged.through(), now);
+        self.window.acknowledge(self.outgoing.acknowledged.through(), now);
         if !self.window.is_overdue(now) {
             return false;
         }
-        if self.lane.flow == Flow::Paced {
+        if self.outgoing.flow == Flow::Paced {
             self.window.clear();
             self.is_lost = true;
             return true;
         }
         for (label, bytes) in self.window.again(now) {
-            self.lane.link.put(What::Data(self.lane.topic), bytes.clone(), Some(*label));
+            self.outgoing.link.put(What::Data(self.outgoing.topic), bytes.clone(), Some(*label));
         }
         false
     }

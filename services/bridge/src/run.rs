@@ -165,20 +165,20 @@ fn carry<'scope, 'env>(
     Ok(())
 }
 
-type Lane<'scope> = ScopedJoinHandle<'scope, Result<(), BridgeError>>;
+type BridgeThread<'scope> = ScopedJoinHandle<'scope, Result<(), BridgeError>>;
 
 fn spawn<'scope, 'env>(
     scope: &'scope thread::Scope<'scope, 'env>,
     name: String,
     body: impl FnOnce() -> Result<(), BridgeError> + Send + 'scope,
-) -> Result<Lane<'scope>, BridgeError> {
+) -> Result<BridgeThread<'scope>, BridgeError> {
     thread::Builder::new()
         .name(name)
         .spawn_scoped(scope, body)
         .map_err(|_| BridgeError::Thread("cannot be started"))
 }
 
-fn join(thread: Lane<'_>) -> Result<(), BridgeError> {
+fn join(thread: BridgeThread<'_>) -> Result<(), BridgeError> {
     thread.join().unwrap_or(Err(BridgeError::Thread("panicked")))
 }
 
@@ -191,7 +191,7 @@ struct Connection<'a> {
     own: Hello,
     told: Option<Instant>,
     /// What the other bridge told about itself, and when.
-    heard: Option<(Hello, Instant)>,
+    received: Option<(Hello, Instant)>,
     /// Connections with the right certificate.
     links: usize,
     /// Peers with another certificate that were sent away.
@@ -259,7 +259,7 @@ impl<'a> Connection<'a> {
             changes,
             own,
             told: None,
-            heard: None,
+            received: None,
             links: 0,
             sent_away: 0,
             searched: now,
@@ -275,12 +275,12 @@ impl<'a> Connection<'a> {
         if self.remote.driver {
             return self.links > 0;
         }
-        self.hears(now) && self.heard.is_some_and(|(hello, _)| self.own.check(hello).is_ok())
+        self.receives(now) && self.received.is_some_and(|(hello, _)| self.own.check(hello).is_ok())
     }
 
     /// Whether the other bridge has told lately that it is here.
-    fn hears(&self, now: Instant) -> bool {
-        self.heard.is_some_and(|(_, at)| now.saturating_duration_since(at) < hello::LOST_AFTER)
+    fn receives(&self, now: Instant) -> bool {
+        self.received.is_some_and(|(_, at)| now.saturating_duration_since(at) < hello::LOST_AFTER)
     }
 
     /// Whether the session is held by a peer that is not the other host, or by a link that carries
@@ -296,7 +296,7 @@ impl<'a> Connection<'a> {
         let host = &self.remote.host;
         let occupant = self.shared.link.occupant();
         let is_silent =
-            occupant == Some(Occupant::OtherHost) && !self.remote.driver && !self.hears(now);
+            occupant == Some(Occupant::OtherHost) && !self.remote.driver && !self.receives(now);
         let was_silent = std::mem::replace(&mut self.was_silent, is_silent);
         if occupant == Some(Occupant::Stranger) {
             tracing::warn!(host, "a peer with another certificate: refused");
@@ -327,7 +327,7 @@ impl<'a> Connection<'a> {
             } else if is_up {
                 self.links += 1;
                 // It gets the last messages again as soon as it has told that it is here.
-                (self.heard, self.told) = (None, None);
+                (self.received, self.told) = (None, None);
             } else {
                 self.links = self.links.saturating_sub(1);
             }
@@ -344,7 +344,7 @@ impl<'a> Connection<'a> {
             link.reopen()?;
         }
         if let Some(hello) = self.shared.arrivals.hello() {
-            let before = self.heard.replace((hello, now));
+            let before = self.received.replace((hello, now));
             let is_new = before.is_none_or(|(before, at)| {
                 before.instance != hello.instance
                     || now.saturating_duration_since(at) >= hello::LOST_AFTER
@@ -376,7 +376,7 @@ impl<'a> Connection<'a> {
     /// What is wrong; none if all is well.
     fn trouble(&self, now: Instant) -> Option<String> {
         let host = &self.remote.host;
-        if let Some((hello, _)) = self.heard
+        if let Some((hello, _)) = self.received
             && let Err(mismatch) = self.own.check(hello)
         {
             return Some(format!("host {host}: {mismatch}"));

@@ -260,7 +260,7 @@ pub struct Complaints {
     reached_last: Option<RobotLimit>,
     /// Σ Δp·v̄ T and Σ (v̄ T)² \[m²\].
     moved: f64,
-    said: f64,
+    reported: f64,
     /// Σ v and Σ u \[m/s\].
     followed: Velocity,
     commanded: Velocity,
@@ -291,7 +291,7 @@ impl Complaints {
             reached: 0.0,
             reached_last: None,
             moved: 0.0,
-            said: 0.0,
+            reported: 0.0,
             followed: [0.0; AXES],
             commanded: [0.0; AXES],
             no_effect_s: 0.0,
@@ -333,9 +333,9 @@ impl Complaints {
         let reached = limits.reached.filter(|_| is_by_plan);
         add(&mut self.reached, f64::from(u8::from(reached.is_some())));
         self.reached_last = reached.or(self.reached_last);
-        let (moved, said) = motion(&before, &now, self.period_s);
+        let (moved, reported) = motion(&before, &now, self.period_s);
         add(&mut self.moved, moved);
-        add(&mut self.said, said);
+        add(&mut self.reported, reported);
         let scale = [1.0, 1.0, self.lever_m];
         for axis in 0..AXES {
             add(&mut self.followed[axis], scale[axis] * now.velocity[axis]);
@@ -373,8 +373,8 @@ impl Complaints {
         // A complaint continues until it has clearly ended.
         let often = |of: usize| if self.told[of] { 0.5 * OFTEN } else { OFTEN };
         let refused = share_of(self.refused);
-        let moves = share_of(self.said) > (SPEED_LEAST * self.period_s).powi(2);
-        let ratio = self.moved / self.said;
+        let moves = share_of(self.reported) > (SPEED_LEAST * self.period_s).powi(2);
+        let ratio = self.moved / self.reported;
         let (simple, at_limit) = (share_of(self.simple), share_of(self.at_limit));
         let (no_list, reached) = (share_of(self.no_list), share_of(self.reached));
         let period_s = self.period_s;

@@ -319,7 +319,7 @@ mod tests {
     }
 
     /// The fault after each of these ticks.
-    fn said(
+    fn faults_of(
         watch: &mut Watch,
         ticks: std::ops::Range<u64>,
         at: impl Fn(u64) -> (PlantState, Driven),
@@ -346,7 +346,7 @@ mod tests {
                 (now, driven)
             }
         };
-        let faults = said(&mut watch, 0..20, stuck_from(10));
+        let faults = faults_of(&mut watch, 0..20, stuck_from(10));
         assert_eq!(faults[..13], [None; 13]);
         assert_eq!(faults[13..], [Some(SensorFault::Position); 7]);
         let (mut standing, _) = stuck_from(10)(20);
@@ -368,7 +368,7 @@ mod tests {
             )
         };
         assert_eq!(
-            said(&mut watch(), 0..6, turning)[2..],
+            faults_of(&mut watch(), 0..6, turning)[2..],
             [
                 None,
                 Some(SensorFault::Heading),
@@ -381,12 +381,12 @@ mod tests {
     #[test]
     fn a_robot_that_is_driven_hard_with_constant_readings_has_stuck_sensors() {
         let frozen = |tick| (state(tick, [1.0, 2.0, 3.0], [0.0; 3]), driven([2.0, 0.0, 0.0]));
-        let faults = said(&mut watch(), 0..6, frozen);
+        let faults = faults_of(&mut watch(), 0..6, frozen);
         assert_eq!((faults[2], faults[3]), (None, Some(SensorFault::Everything)));
         // The acting input comes from the same stuck driver; the commands show the fault.
         let silent =
             |tick| (frozen(tick).0, Driven { acted: [0.0; 3], commanded: Some([2.0, 0.0, 0.0]) });
-        let faults = said(&mut watch(), 0..20, silent);
+        let faults = faults_of(&mut watch(), 0..20, silent);
         assert_eq!(faults.iter().position(Option::is_some), Some(COMMANDED_PERIODS as usize));
     }
 
@@ -396,7 +396,7 @@ mod tests {
         // Coarse and biased sensors, and an input that is too small to overcome friction.
         let standing =
             |tick| (state(tick, [1.0, 2.0, 3.0], [0.15, -0.05, 0.15]), driven([0.8, 0.3, -0.6]));
-        assert!(said(&mut watch, 0..10_000, standing).iter().all(Option::is_none));
+        assert!(faults_of(&mut watch, 0..10_000, standing).iter().all(Option::is_none));
         // A pose in steps of a centimetre, with ten control periods per step.
         let creeping = |tick: u64| {
             (
@@ -404,8 +404,8 @@ mod tests {
                 driven([0.2, 0.0, 0.0]),
             )
         };
-        assert!(said(&mut watch, 10_000..12_000, creeping).iter().all(Option::is_none));
-        assert!(said(&mut watch, 12_000..13_000, driving).iter().all(Option::is_none));
+        assert!(faults_of(&mut watch, 10_000..12_000, creeping).iter().all(Option::is_none));
+        assert!(faults_of(&mut watch, 12_000..13_000, driving).iter().all(Option::is_none));
     }
 
     #[test]
@@ -418,7 +418,7 @@ mod tests {
             let input = if tick < 10 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
             (state(tick, [way(tick), after(tick), 0.0], [1.0, 0.0, 0.0]), driven(input))
         };
-        let faults = said(&mut watch(), 0..30, left);
+        let faults = faults_of(&mut watch(), 0..30, left);
         assert_eq!(faults.iter().position(Option::is_some), Some(11), "{faults:?}");
         assert_eq!(faults[11..], [Some(SensorFault::Velocity); 19]);
         let turning = |tick: u64| {
@@ -426,20 +426,20 @@ mod tests {
             (state(tick, [0.3, 0.0, after(tick)], [0.0; 3]), driven([0.0, 0.0, rate]))
         };
         assert!(
-            said(&mut watch(), 0..30, turning)[12..]
+            faults_of(&mut watch(), 0..30, turning)[12..]
                 .iter()
-                .all(|said| *said == Some(SensorFault::YawRate))
+                .all(|fault| *fault == Some(SensorFault::YawRate))
         );
     }
 
     #[test]
     fn a_constant_velocity_that_fits_the_path_or_a_constant_input_is_not_stuck() {
-        assert!(said(&mut watch(), 0..1000, driving).iter().all(Option::is_none));
+        assert!(faults_of(&mut watch(), 0..1000, driving).iter().all(Option::is_none));
         // Slipping wheels with coarse encoders: the robot is slower than the encoders report.
         let slipping = |tick: u64| {
             (state(tick, [0.05 * tick as f64, 0.0, 0.0], [1.0, 0.0, 0.0]), driven([1.05, 0.0, 0.0]))
         };
-        assert!(said(&mut watch(), 0..1000, slipping).iter().all(Option::is_none));
+        assert!(faults_of(&mut watch(), 0..1000, slipping).iter().all(Option::is_none));
     }
 
     #[test]

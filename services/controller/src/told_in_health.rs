@@ -67,7 +67,7 @@ struct Robotic {
     state: PlantState,
     position_stuck: bool,
     answer: Option<Command>,
-    said: Option<Health>,
+    last: Option<Health>,
 }
 
 impl Robotic {
@@ -87,7 +87,7 @@ impl Robotic {
             state,
             position_stuck: false,
             answer: None,
-            said: None,
+            last: None,
         })
     }
 
@@ -98,9 +98,9 @@ impl Robotic {
         expected: impl Fn(&Health) -> bool,
     ) -> Result<(), Box<dyn Error>> {
         let begin = Instant::now();
-        while !self.said.as_ref().is_some_and(&expected) {
+        while !self.last.as_ref().is_some_and(&expected) {
             if begin.elapsed() > GIVES_UP_AFTER {
-                return Err(format!("what is expected is never said, but {:?}", self.said).into());
+                return Err(format!("what is expected is never said, but {:?}", self.last).into());
             }
             self.drive_on(gain)?;
         }
@@ -128,7 +128,7 @@ impl Robotic {
         }
         self.state.stamp.tick += 1;
         while let Some(health) = self.health.next()? {
-            self.said = Some(health);
+            self.last = Some(health);
         }
         Ok(())
     }
@@ -154,9 +154,9 @@ fn beside_a_controller(
         driven
     })?;
     while let Some(health) = robot.health.next()? {
-        robot.said = Some(health);
+        robot.last = Some(health);
     }
-    robot.said.ok_or_else(|| "the controller has said nothing of itself".into())
+    robot.last.ok_or_else(|| "the controller has said nothing of itself".into())
 }
 
 #[test]

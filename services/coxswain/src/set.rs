@@ -41,10 +41,10 @@ pub struct SetOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum SetError {
     /// The key or the value is missing.
-    #[error("{said:?}: expected KEY=VALUE, as in mpc.weights.position=20")]
+    #[error("{given:?}: expected KEY=VALUE, as in mpc.weights.position=20")]
     NoPair {
         /// The argument.
-        said: String,
+        given: String,
     },
     /// The change cannot be parsed.
     #[error(transparent)]
@@ -276,7 +276,7 @@ pub fn understand(arguments: &[String]) -> Result<(String, Participant), SetErro
 
 /// `key=value` as a line of TOML. A value that is not valid TOML is a word without quotes.
 fn line(argument: &str) -> Result<String, SetError> {
-    let no_pair = || SetError::NoPair { said: argument.to_owned() };
+    let no_pair = || SetError::NoPair { given: argument.to_owned() };
     let (key, value) = argument
         .split_once('=')
         .map(|(key, value)| (key.trim(), value.trim()))
@@ -369,7 +369,7 @@ mod tests {
         for argument in ["mpc.solver", "=3", "mpc.solver=", "a=1\nb=2"] {
             let refused = understood(&[argument]);
             assert!(
-                matches!(&refused, Err(SetError::NoPair { said }) if said == argument),
+                matches!(&refused, Err(SetError::NoPair { given }) if given == argument),
                 "{refused:?}"
             );
         }

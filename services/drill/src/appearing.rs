@@ -203,7 +203,7 @@ fn asked(commands: &BTreeMap<u64, &Message>, tick: u64) -> Result<Vec<Velocity>,
         asked.push(triple(command, "input")?);
     }
     let before = tick.checked_sub(1).and_then(|before| commands.get(&before));
-    let tail = before.map(|command| &command.says["tail"][0]);
+    let tail = before.map(|command| &command.fields["tail"][0]);
     if let Some(Ok(first)) = tail.map(|first| serde_json::from_value(first.clone())) {
         asked.push(first);
     }
@@ -375,7 +375,7 @@ fn triple(message: &Message, field: &str) -> Result<[f64; 3], Trouble> {
 
 /// The obstacles of a list.
 fn listed(list: &Message) -> Result<Vec<Obstacle>, Trouble> {
-    let rows = list.says["obstacles"].as_array().ok_or("a list without obstacles")?;
+    let rows = list.fields["obstacles"].as_array().ok_or("a list without obstacles")?;
     let obstacle = |row: &serde_json::Value| -> Result<Obstacle, Trouble> {
         let row: Vec<f64> =
             row.as_array().into_iter().flatten().filter_map(serde_json::Value::as_f64).collect();

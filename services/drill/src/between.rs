@@ -357,7 +357,7 @@ mod tests {
             let sent = PERIOD * (tick + if tick < 5 { 0 } else { stalled });
             let (epoch, tick) = if tick < restarts { (1, tick) } else { (2, tick - restarts) };
             let stamp = json!({"sent_nanos": sent, "tick": tick, "epoch": epoch});
-            Message { topic: "state".to_owned(), says: json!({ "stamp": stamp }) }
+            Message { topic: "state".to_owned(), fields: json!({ "stamp": stamp }) }
         };
         Record::of_messages((0..40).filter(|tick| !lost.contains(tick)).map(state).collect())
     }

@@ -145,7 +145,7 @@ fn launch_with_faults(
         if !session.run().is_dir() {
             return Err(format!(
                 "the launch ended with {status}: {}",
-                last_line(&home.said("run"))
+                last_line(&home.output("run"))
             )
             .into());
         }
@@ -179,9 +179,10 @@ fn launch_with_faults(
             measured.violations.push("nothing was injected".to_owned());
         }
         if !status.success() {
-            measured
-                .violations
-                .push(format!("the launch ended with {status}: {}", last_line(&home.said("run"))));
+            measured.violations.push(format!(
+                "the launch ended with {status}: {}",
+                last_line(&home.output("run"))
+            ));
         }
         measured.violations.extend(left_behind(home, &[session.graph_name()?]));
         Ok(measured)
@@ -268,12 +269,12 @@ fn little_shared_memory(
                     let moved = session.record().is_ok_and(|record| {
                         record.of("truth").any(|truth| truth.count("acting_epoch") > 0)
                     });
-                    let said = home.said("run");
-                    if moved || !said.contains("/dev/shm") {
+                    let output = home.output("run");
+                    if moved || !output.contains("/dev/shm") {
                         one.violations.push(format!(
                             "with {mebibytes} MiB it ended with {status}, the robot {}: {}",
                             if moved { "had moved" } else { "stood" },
-                            last_line(&said)
+                            last_line(&output)
                         ));
                     }
                 }

@@ -54,14 +54,14 @@ pub(super) fn compete(
         let mut drove = Vec::new();
         for (session, name) in &mut sessions {
             let status = session.wait(DURATION_S, stop)?;
-            let said = home.said(name);
+            let output = home.output(name);
             if status.success() {
                 drove.push(&*session);
-            } else if status.code() != Some(REFUSED) || !said.contains(REFUSAL) {
+            } else if status.code() != Some(REFUSED) || !output.contains(REFUSAL) {
                 measured.violations.push(format!(
                     "round {round}: {name} ended with {status}: {}; \
                      expected exit code {REFUSED} and {REFUSAL:?}",
-                    said.lines().next_back().unwrap_or_default(),
+                    output.lines().next_back().unwrap_or_default(),
                 ));
             }
         }

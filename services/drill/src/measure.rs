@@ -88,7 +88,7 @@ pub fn measure(
         .collect();
     // The controller is not responsible for what a link has changed.
     let known = |found: &Violation| match found.rule {
-        Rule::Said => {
+        Rule::AsCommanded => {
             within(&launch.misquoted, found.tick) || slowed.contains(&(found.epoch, found.tick))
         }
         // A slowed input is one that the controller does not know. Rule `Leap` still holds.
@@ -405,7 +405,7 @@ mod tests {
     fn judged(used: &[u64], ends: &[u64]) -> (Option<f64>, Vec<String>) {
         let state = |(epoch, at): (usize, &u64)| Message {
             topic: "state".to_owned(),
-            says: json!({
+            fields: json!({
                 "stamp": {"epoch": 1, "sent_nanos": at * MS},
                 "accepted_epoch": epoch + 1,
                 "fallback_level": "fresh plan",

@@ -26,15 +26,15 @@
 //! cannot be judged across the death of a recorder, because a dead recorder counts nothing.
 
 mod change;
+mod commanded;
 mod counting;
-mod said;
 mod wheels;
 
 use super::record::{Message, Record};
 pub(super) use change::body as commanded;
+use commanded::Commanded;
 use graph::assembly::Assembly;
 use robot::Wheels;
-use said::Said;
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -116,7 +116,7 @@ pub enum Rule {
     /// Sent = stored + lost.
     Count,
     /// The acting command was sent by the controller.
-    Said,
+    AsCommanded,
     /// Near the reference.
     Tracking,
 }
@@ -148,7 +148,7 @@ pub fn judge(record: &Record, limits: &Limits) -> Vec<Violation> {
     let mut violations = Vec::new();
     let truths = by_epoch(record, "truth");
     let states = by_epoch(record, "state");
-    let commands = Said::of(record);
+    let commands = Commanded::of(record);
     let none = BTreeMap::new();
     for (&epoch, ticks) in &truths {
         wheels::judge(epoch, ticks, limits, &mut violations);

@@ -12,28 +12,28 @@ pub struct Message {
     /// Name of the topic.
     pub topic: String,
     /// Content, as JSON.
-    pub says: Value,
+    pub fields: Value,
 }
 
 impl Message {
     /// A number of its stamp.
     pub fn stamp(&self, field: &str) -> u64 {
-        self.says["stamp"][field].as_u64().unwrap_or(u64::MAX)
+        self.fields["stamp"][field].as_u64().unwrap_or(u64::MAX)
     }
 
     /// A whole number.
     pub fn count(&self, field: &str) -> u64 {
-        self.says[field].as_u64().unwrap_or(u64::MAX)
+        self.fields[field].as_u64().unwrap_or(u64::MAX)
     }
 
     /// A word.
     pub fn word(&self, field: &str) -> &str {
-        self.says[field].as_str().unwrap_or("?")
+        self.fields[field].as_str().unwrap_or("?")
     }
 
     /// A list of numbers.
     pub fn numbers(&self, field: &str) -> Vec<f64> {
-        self.says[field].as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
+        self.fields[field].as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
     }
 }
 
@@ -60,8 +60,8 @@ impl Record {
     /// # Errors
     /// If there is no record, or the file is no record.
     pub fn read_without_rows(folder: &Path) -> io::Result<Self> {
-        Self::read_as(folder, |topic, says| {
-            let fields = says.as_object_mut().into_iter();
+        Self::read_as(folder, |topic, fields| {
+            let fields = fields.as_object_mut().into_iter();
             let kept = |name: &str, value: &Value| {
                 matches!(name, "tail" | "obstacles")
                     || !value.as_array().is_some_and(|rows| rows.iter().any(Value::is_array))
@@ -80,10 +80,10 @@ impl Record {
         let mut messages = Vec::new();
         for segment in segments {
             reader::messages(&segment, |message| {
-                let (topic, mut says) =
+                let (topic, mut fields) =
                     (message.channel.topic.clone(), serde_json::from_slice(&message.data)?);
-                if keep(&topic, &mut says) {
-                    messages.push(Message { topic, says });
+                if keep(&topic, &mut fields) {
+                    messages.push(Message { topic, fields });
                 }
                 Ok(())
             })?;

@@ -66,7 +66,7 @@ pub(super) fn judge_messages(on_links: &[OnLink], record: &Record) -> Vec<String
         *injected.entry((&fault.process, &fault.topic)).or_default() += fault.count;
     }
     let counted = |process: &str, topic: &str| {
-        record.health_of(process).next_back()?.says["refused"][topic].as_u64()
+        record.health_of(process).next_back()?.fields["refused"][topic].as_u64()
     };
     let differs = |((process, topic), count): ((&str, &str), u64)| {
         let refused = counted(process, topic);
@@ -144,9 +144,9 @@ mod tests {
         };
         assert_eq!(found, [expected]);
         let health = |refused: u64| {
-            let says =
+            let fields =
                 json!({"participant": "controller", "refused": {"state": refused, "command": 0}});
-            Record::of_messages(vec![Message { topic: "health".into(), says }])
+            Record::of_messages(vec![Message { topic: "health".into(), fields }])
         };
         assert_eq!(judge_messages(&found, &health(4)), [""; 0]);
         assert_eq!(judge_messages(&found, &health(3)).len(), 1);
@@ -163,12 +163,12 @@ mod tests {
         let judged = |versions: &[u64], refused: u64| {
             let command = |(tick, &version): (usize, &u64)| Message {
                 topic: "command".into(),
-                says: json!({"stamp": {"tick": tick}, "model_version": version}),
+                fields: json!({"stamp": {"tick": tick}, "model_version": version}),
             };
             let mut messages: Vec<Message> = versions.iter().enumerate().map(command).collect();
             messages.push(Message {
                 topic: "health".into(),
-                says: json!({"participant": "controller", "snapshots_refused": refused}),
+                fields: json!({"participant": "controller", "snapshots_refused": refused}),
             });
             judge_snapshots(run.path(), &Record::of_messages(messages))
                 .map(|(sent, violations)| (sent, violations.len()))

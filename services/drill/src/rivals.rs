@@ -46,7 +46,7 @@ const LATE_MILLIS: u64 = 14;
 /// Fewest stops of such a controller. That all of them miss happens once in a thousand drills.
 const STOPS_LEAST: u32 = 6;
 /// Time after which a command from the instant of waking has been rejected.
-const HEARD_WITHIN_NANOS: u64 = 200_000_000;
+const RECEIVED_WITHIN_NANOS: u64 = 200_000_000;
 
 /// A controller unknown to the launcher. It does not outlive this value.
 struct Rival {
@@ -88,13 +88,13 @@ impl Rival {
     }
 
     /// Waits until its log contains `text`, and returns the log.
-    fn says(&mut self, text: &str) -> Result<String, Trouble> {
+    fn wait_for(&mut self, text: &str) -> Result<String, Trouble> {
         wait_for_text(&mut self.child, &self.folder.join("controller.log"), text, 1)
     }
 
     /// Waits until it has claimed an epoch, and returns the epoch.
     fn claims(&mut self) -> Result<u64, Trouble> {
-        epoch_in(&self.says(ANSWERS)?)
+        epoch_in(&self.wait_for(ANSWERS)?)
     }
 
     fn signal(&self, signal: Signal) -> Result<(), Trouble> {
@@ -191,7 +191,7 @@ pub(super) fn equal_epochs(home: &Home<'_>, times: u32, stop: &Stop) -> Result<M
         let mut session = home.launch(&format!("run-{attempt}"), DURATION_S)?;
         let mut rival = session.pausing_at(Participant::Controller, |session| {
             let mut rival = Rival::start(session, &format!("rival-{attempt}"), "")?;
-            rival.says("started")?;
+            rival.wait_for("started")?;
             thread::sleep(OPENS_WITHIN);
             Ok(rival)
         })?;
@@ -264,15 +264,15 @@ fn judge_equals(record: &Record, epoch: u64, killed_at: u64) -> Vec<String> {
     let Some(last) = record.of("state").rfind(before) else { return found };
     // The commands of the last period may not have been judged yet.
     let judged = last.stamp("tick").saturating_sub(1);
-    let unheard = commands
+    let rejected = commands
         .iter()
         .filter(|command| {
             !acted.contains(&command.stamp("writer")) && command.stamp("tick") < judged
         })
         .count() as u64;
-    if last.count("refused") < unheard {
+    if last.count("refused") < rejected {
         found.push(format!(
-            "{} commands were refused, expected the {unheard} of the second writer at least",
+            "{} commands were refused, expected the {rejected} of the second writer at least",
             last.count("refused")
         ));
     }
@@ -355,7 +355,7 @@ fn judge_woken(record: &Record, woken: &[(u64, u64)], violations: &mut Vec<Strin
                 .last()
                 .map_or(0, |state| state.count("refused"))
         };
-        let more = refused(at + HEARD_WITHIN_NANOS).saturating_sub(refused(at));
+        let more = refused(at + RECEIVED_WITHIN_NANOS).saturating_sub(refused(at));
         if more < commands {
             violations.push(format!(
                 "{more} commands were refused after epoch {epoch} was woken, \

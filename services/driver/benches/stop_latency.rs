@@ -68,8 +68,8 @@ fn answer(ports: &Ports, stop: &Stop) -> Result<(), Box<dyn Error + Send + Sync>
     Ok(())
 }
 
-fn order(folder: &Path, said: &str) -> Result<u64, Box<dyn Error>> {
-    let request = Request { who: "bench".into(), asked_unix_nanos: 0, change: said.into() };
+fn order(folder: &Path, given: &str) -> Result<u64, Box<dyn Error>> {
+    let request = Request { who: "bench".into(), asked_unix_nanos: 0, change: given.into() };
     let begin = monotonic_nanos();
     let asked = ask(folder, Participant::Plant, &request)?;
     while asked.answer().is_none() {

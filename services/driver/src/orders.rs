@@ -29,8 +29,8 @@ const WRONG_STATE: u64 = 16;
 enum Refusal {
     #[error(transparent)]
     NotAsked(#[from] NotAsked),
-    #[error("{said:?}: expected arm, resume or stop")]
-    NoOrder { said: String },
+    #[error("{given:?}: expected arm, resume or stop")]
+    NoOrder { given: String },
     #[error(transparent)]
     Order(#[from] OrderError),
     #[error("the run has ended")]
@@ -139,11 +139,11 @@ fn attend(mut inbox: Inbox, slot: &Slot, plant_epoch: u64) {
 
 /// Passes an order to the control thread, and waits for the tick at which it takes effect.
 fn follow(request: &Request, slot: &Slot) -> Result<u64, Refusal> {
-    let said = request.change.trim();
-    let place = Order::ALL.iter().position(|order| order.name() == said);
+    let given = request.change.trim();
+    let place = Order::ALL.iter().position(|order| order.name() == given);
     let Some((place, order)) = place.and_then(|place| Some((place, *Order::ALL.get(place)?)))
     else {
-        return Err(Refusal::NoOrder { said: said.chars().take(40).collect() });
+        return Err(Refusal::NoOrder { given: given.chars().take(40).collect() });
     };
     slot.order.store(place as u32 + 1, Ordering::Release);
     loop {
@@ -179,10 +179,10 @@ mod tests {
         Run::new(folder, 1, Links::on_this_machine("orders", folder.to_owned(), lock_step, 0))
     }
 
-    /// Outcome of the order `said` when the control thread replies to every order with `outcome` at
+    /// Outcome of the order `given` when the control thread replies to every order with `outcome` at
     /// tick 7.
     fn settled(
-        said: &str,
+        given: &str,
         lock_step: bool,
         outcome: Result<(), OrderError>,
     ) -> Result<Outcome, Box<dyn Error>> {
@@ -191,7 +191,7 @@ mod tests {
         let run = run(folder.path(), lock_step);
         assert_eq!(run.pace == Pace::LockStep, lock_step);
         let orders = Orders::open(&run, 3);
-        let request = Request { who: "ada".into(), asked_unix_nanos: 0, change: said.into() };
+        let request = Request { who: "ada".into(), asked_unix_nanos: 0, change: given.into() };
         let asked = ask(folder.path(), Participant::Plant, &request)?;
         loop {
             if orders.take().is_some() {
@@ -227,8 +227,8 @@ mod tests {
         let run = run(folder.path(), false);
         assert!(!ended_with_stop(&run));
         let orders = Orders::open(&run, 1);
-        for (said, stopped) in [("stop", true), ("dance", true), ("resume", false)] {
-            let request = Request { who: "ada".into(), asked_unix_nanos: 0, change: said.into() };
+        for (given, stopped) in [("stop", true), ("dance", true), ("resume", false)] {
+            let request = Request { who: "ada".into(), asked_unix_nanos: 0, change: given.into() };
             let asked = ask(folder.path(), Participant::Plant, &request)?;
             while asked.answer().is_none() {
                 if orders.take().is_some() {
@@ -236,7 +236,7 @@ mod tests {
                 }
                 thread::sleep(Duration::from_millis(1));
             }
-            assert_eq!(ended_with_stop(&run), stopped, "after {said}");
+            assert_eq!(ended_with_stop(&run), stopped, "after {given}");
         }
         Ok(())
     }
@@ -245,13 +245,13 @@ mod tests {
     fn an_invalid_order_is_rejected_with_a_code() -> Result<(), Box<dyn Error>> {
         let wrong =
             OrderError::WrongState { found: GateState::Driving, expected: GateState::Stopped };
-        for (said, lock_step, outcome, code) in [
+        for (given, lock_step, outcome, code) in [
             ("resume", false, Err(wrong), "gate"),
             ("resume", false, Err(OrderError::EmergencyStop), "emergency-stop"),
             ("dance", false, Ok(()), "syntax"),
             ("resume", true, Ok(()), "lock-step"),
         ] {
-            assert_eq!(refusal(settled(said, lock_step, outcome)?), code);
+            assert_eq!(refusal(settled(given, lock_step, outcome)?), code);
         }
         Ok(())
     }

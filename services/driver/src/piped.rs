@@ -138,10 +138,10 @@ impl PipedBase {
 
     fn say(&mut self, what: &impl Serialize) -> Result<(), BaseError> {
         let Some(input) = &mut self.input else { return Err(self.ended()) };
-        let said = serde_json::to_writer(&mut *input, what)
+        let written = serde_json::to_writer(&mut *input, what)
             .map_err(io::Error::from)
             .and_then(|()| input.write_all(b"\n"));
-        said.map_err(|_| self.ended())
+        written.map_err(|_| self.ended())
     }
 
     fn answer<T: for<'de> Deserialize<'de>>(&mut self, within: Duration) -> Result<T, BaseError> {

@@ -28,7 +28,8 @@ impl Script {
         if let Some(reading) = reading {
             settings.insert("reading".into(), reading.into());
         }
-        settings.insert("heard".into(), folder.path().join("heard").display().to_string().into());
+        settings
+            .insert("received".into(), folder.path().join("received").display().to_string().into());
         Ok(Self { settings, folder })
     }
 
@@ -39,8 +40,8 @@ impl Script {
     }
 
     /// The lines that the program received.
-    fn heard(&self) -> Result<Vec<serde_json::Value>, Box<dyn Error>> {
-        let text = fs::read_to_string(self.folder.path().join("heard"))?;
+    fn received(&self) -> Result<Vec<serde_json::Value>, Box<dyn Error>> {
+        let text = fs::read_to_string(self.folder.path().join("received"))?;
         text.lines().map(|line| Ok(serde_json::from_str(line)?)).collect()
     }
 }
@@ -68,11 +69,11 @@ fn a_program_receives_its_settings_and_is_driven_and_read() -> Outcome {
     assert_eq!(sensors.current, Some(per_wheel(&[0.5, 0.0, 0.0, -0.5])));
     assert_eq!(base.truth().map(|truth| truth.pose), Some([1.0, 2.0, 2.5]));
     drop(base);
-    let heard = script.heard()?;
-    assert_eq!(heard[0]["settings"]["mass_kg"], 12.5);
-    assert_eq!(heard[0]["seed"], 7);
-    assert_eq!(heard[1], serde_json::json!({ "drive": [0.5, 0.0, -0.25], "nanos": 20_000_000 }));
-    assert_eq!(heard[2], serde_json::json!({ "read": true }));
+    let received = script.received()?;
+    assert_eq!(received[0]["settings"]["mass_kg"], 12.5);
+    assert_eq!(received[0]["seed"], 7);
+    assert_eq!(received[1], serde_json::json!({ "drive": [0.5, 0.0, -0.25], "nanos": 20_000_000 }));
+    assert_eq!(received[2], serde_json::json!({ "read": true }));
     Ok(())
 }
 

@@ -43,11 +43,11 @@ impl Calibration {
         Self { expected, snapshots: Vec::new(), samples: Vec::new() }
     }
 
-    pub(super) fn heard_snapshot(&mut self, snapshot: ModelSnapshot) {
+    pub(super) fn received_snapshot(&mut self, snapshot: ModelSnapshot) {
         self.snapshots.push(snapshot);
     }
 
-    pub(super) fn heard_sample(&mut self, sample: &ResidualSample) {
+    pub(super) fn received_sample(&mut self, sample: &ResidualSample) {
         if sample.usable == 1 {
             self.samples.push(*sample);
         }

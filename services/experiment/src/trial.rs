@@ -283,11 +283,11 @@ fn witness(
             );
             kept.violations += u64::from(!played);
             kept.inputs.push(state.input);
-            kept.rows.heard_state(&state);
+            kept.rows.received_state(&state);
         }
         while let Some(truth) = truths.next()? {
             kept.violations += u64::from(outside(&truth));
-            kept.rows.heard_truth(&truth);
+            kept.rows.received_truth(&truth);
             kept.truths.push(truth);
         }
         while let Some(plan) = plans.next()? {
@@ -298,13 +298,13 @@ fn witness(
             for (axis, used) in kept.learned.iter_mut().enumerate() {
                 *used += u64::from(plan.learned_axes >> axis & 1);
             }
-            kept.rows.heard_plan(&plan);
+            kept.rows.received_plan(&plan);
         }
         while let Some(sample) = samples.next()? {
-            kept.calibration.heard_sample(&sample);
+            kept.calibration.received_sample(&sample);
         }
         while let Some(snapshot) = snapshots.next()? {
-            kept.calibration.heard_snapshot(snapshot);
+            kept.calibration.received_snapshot(snapshot);
         }
         if ending {
             return Ok(kept);

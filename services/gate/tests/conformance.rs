@@ -60,7 +60,7 @@ struct Event {
 enum What {
     Begin(Begin),
     Command {
-        command: Said,
+        command: Answer,
         verdict: u32,
     },
     Output {
@@ -113,7 +113,7 @@ struct Past {
 }
 
 #[derive(Debug, Deserialize)]
-struct Said {
+struct Answer {
     epoch: u64,
     writer: u64,
     tick: u64,
@@ -124,7 +124,7 @@ struct Said {
     tail: Vec<[Option<f64>; 3]>,
 }
 
-impl Said {
+impl Answer {
     fn command(&self) -> Command {
         let numbers = |row: &[Option<f64>; 3]| row.map(|value| value.unwrap_or(f64::NAN));
         let mut command: Command = bytemuck::Zeroable::zeroed();

@@ -82,7 +82,7 @@ impl Comparison {
     }
 
     /// Processes the position error of this run at `tick`.
-    pub(crate) fn take_in(&mut self, tick: u64, error: f64) {
+    pub(crate) fn add(&mut self, tick: u64, error: f64) {
         if let Ok(index) = self.rows.binary_search_by_key(&tick, |row| row.tick)
             && let Some(row) = self.rows.get(index)
             && error.is_finite()
@@ -133,7 +133,7 @@ mod tests {
         let mut comparison = Comparison::new(vec![row(2, 4.0), row(1, 3.0)]);
         assert_eq!(comparison.standing(), None);
         for (tick, error) in [(0, 100.0), (1, 0.3), (2, 0.4), (3, 100.0), (2, f64::NAN)] {
-            comparison.take_in(tick, error);
+            comparison.add(tick, error);
         }
         assert!(comparison.standing().is_some_and(|standing| {
             standing.since == 1

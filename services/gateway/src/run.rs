@@ -73,7 +73,7 @@ pub fn run(ports: &Ports, settings: &Settings, stop: &Stop) -> Result<(), Gatewa
         }
         relay.pass(&mut publisher, page.as_mut().map(Page::feed))?;
         if let Some(page) = &mut page {
-            answers.look().iter().for_each(|settled| page.feed().hear_change(settled));
+            answers.look().iter().for_each(|settled| page.feed().receive_change(settled));
             page.turn(Instant::now());
         }
         relay.count(&mut pulse);
@@ -178,7 +178,7 @@ impl Relay {
         let plan = self.plans.pass(now, publisher)?;
         self.healths.pass(now, publisher, |health| {
             if let Some(page) = &mut page {
-                page.hear_health(health, now);
+                page.receive_health(health, now);
             }
         })?;
         self.residuals.pass(now, publisher)?;
@@ -187,21 +187,21 @@ impl Relay {
         let goal = self.goals.pass(now, publisher)?;
         self.obstacles.pass(now, publisher, |list| {
             if let Some(page) = &mut page {
-                page.hear_obstacles(list, now);
+                page.receive_obstacles(list, now);
             }
         })?;
         if let Some(page) = page {
             if let Some(state) = &state {
-                page.hear_state(state);
+                page.receive_state(state);
             }
             if let Some(plan) = &plan {
-                page.hear_plan(plan);
+                page.receive_plan(plan);
             }
             if let Some(goal) = &goal {
-                page.hear_goal(goal);
+                page.receive_goal(goal);
             }
             if let Some(snapshot) = &snapshot {
-                page.hear_snapshot(snapshot);
+                page.receive_snapshot(snapshot);
             }
         }
         Ok(())

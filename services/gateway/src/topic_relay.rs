@@ -69,7 +69,7 @@ impl<T: OnTopic, const KINDS: usize> KindsRelay<T, KINDS> {
         publisher: &mut Publisher,
         mut shown: impl FnMut(&T),
     ) -> Result<(), GatewayError> {
-        self.take_in()?;
+        self.receive()?;
         if !self.turn.has_come(now) || self.newest.iter().all(Option::is_none) {
             return Ok(());
         }
@@ -80,7 +80,7 @@ impl<T: OnTopic, const KINDS: usize> KindsRelay<T, KINDS> {
         })
     }
 
-    fn take_in(&mut self) -> Result<(), ReceiveError> {
+    fn receive(&mut self) -> Result<(), ReceiveError> {
         while let Some(message) = self.source.next()? {
             if let Some(place) = self.newest.get_mut((self.kind)(&message) as usize) {
                 *place = Some(Box::new(message));

@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 use gateway::addresses;
 use gateway::run::GatewayError;
 use gateway::settings::{About, PageSettings, Rates, Settings};
-use network::telemetry::{Heard, TelemetrySettings, Watcher};
+use network::telemetry::{TelemetryMessage, TelemetrySettings, Watcher};
 use process::{Run, Stop};
 use protocol::message::{Health, Participant, Phase, PlantState};
 use std::error::Error;
@@ -97,8 +97,8 @@ fn states_of_the_plant_reach_the_watcher() -> Outcome {
         let mut state = PlantState::zeroed();
         state.stamp.tick = tick;
         sink.send(&mut state)?;
-        if let Some(word) = watcher.next(SOON)?
-            && let Heard::State(state) = word.said
+        if let Some(telemetry) = watcher.next(SOON)?
+            && let TelemetryMessage::State(state) = telemetry.message
         {
             received.push(state.stamp.tick);
         }

@@ -95,7 +95,7 @@ impl<const D: usize> DataSet<D> {
 
     /// Inserts a sample, if its input was chosen by the controller, and if it is finite and
     /// plausible. Returns what became of it.
-    pub fn take_in(&mut self, sample: &ResidualSample) -> Option<Outcome> {
+    pub fn add(&mut self, sample: &ResidualSample) -> Option<Outcome> {
         let believable = (sample.residual.iter().zip(self.bound))
             .all(|(residual, bound)| residual.abs() <= bound);
         // One number that is not finite would spoil every fit while it is in the data set.

@@ -192,7 +192,7 @@ impl<'a, const D: usize> Learner<'a, D> {
                 self.samples.wait(PATIENCE)?;
             }
             while let Some(sample) = self.samples.next()? {
-                self.take_in(&sample)?;
+                self.process_sample(&sample)?;
             }
             self.publish_finished()?;
             self.tune();
@@ -218,7 +218,7 @@ impl<'a, const D: usize> Learner<'a, D> {
         cut + self.settings.learner.delay_ticks - 1
     }
 
-    fn take_in(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
+    fn process_sample(&mut self, sample: &ResidualSample) -> Result<(), RunError> {
         if sample.fingerprint != self.fingerprint {
             self.pulse
                 .health()
@@ -245,7 +245,7 @@ impl<'a, const D: usize> Learner<'a, D> {
             self.held_out = HeldOut::default();
             self.anew = true;
         }
-        if let Some(outcome) = self.data.take_in(sample) {
+        if let Some(outcome) = self.data.add(sample) {
             if outcome == Outcome::Changed {
                 tracing::info!(tick, "the robot has changed: older samples count less");
             }

@@ -319,8 +319,8 @@ mod tests {
             sample_variance: [0.0; AXES],
         };
         for heading in [-2.0, 2.5, 4.0] {
-            for (said, is) in learned.mean(&at(heading)).into_iter().zip(pull(heading)) {
-                assert!((said - is).abs() < 0.005, "{said} is not {is} at {heading}");
+            for (predicted, is) in learned.mean(&at(heading)).into_iter().zip(pull(heading)) {
+                assert!((predicted - is).abs() < 0.005, "{predicted} is not {is} at {heading}");
             }
         }
         Ok(())
@@ -361,9 +361,12 @@ mod tests {
         };
         for x in [-1.55, -0.25, 0.05, 0.35, 1.25] {
             for heading in [0.0, 0.3, 3.0] {
-                let [said, ..] = learned.mean(&at(x, heading));
+                let [predicted, ..] = learned.mean(&at(x, heading));
                 let [is, ..] = push(x);
-                assert!((said - is).abs() < 0.003, "{said} is not {is} at {x}, {heading}");
+                assert!(
+                    (predicted - is).abs() < 0.003,
+                    "{predicted} is not {is} at {x}, {heading}"
+                );
             }
         }
         // It is not taken for an effect of the input.

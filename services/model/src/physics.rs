@@ -277,8 +277,8 @@ mod tests {
         let mut squared = 0.0;
         for k in from..to {
             let (at, g) = (moment(k), truth(&moment(k)));
-            let said = physics.mean(&at);
-            squared += (0..AXES).map(|axis| (g[axis] - said[axis]).powi(2)).sum::<f64>();
+            let predicted = physics.mean(&at);
+            squared += (0..AXES).map(|axis| (g[axis] - predicted[axis]).powi(2)).sum::<f64>();
             physics.update(&at, &g);
         }
         (squared / (to - from) as f64).sqrt()

@@ -11,7 +11,7 @@
 //!
 //! ```
 //! use protocol::message::{Message, PlantState};
-//! use network::telemetry::{Heard, Publisher, TelemetrySettings, Watcher};
+//! use network::telemetry::{TelemetryMessage, Publisher, TelemetrySettings, Watcher};
 //! use std::time::Duration;
 //!
 //! let settings = TelemetrySettings {
@@ -24,14 +24,14 @@
 //!
 //! let mut state: PlantState = bytemuck::Zeroable::zeroed();
 //! (state.stamp.version, state.stamp.kind) = (protocol::VERSION, PlantState::KIND);
-//! let heard = loop {
+//! let received = loop {
 //!     publisher.publish(&state)?;
-//!     if let Some(word) = watcher.next(Duration::from_millis(50))? {
-//!         break word;
+//!     if let Some(telemetry) = watcher.next(Duration::from_millis(50))? {
+//!         break telemetry;
 //!     }
 //! };
-//! assert_eq!((heard.robot.as_str(), heard.period_nanos), ("mecanum", 100_000_000));
-//! assert!(matches!(heard.said, Heard::State(state) if state.stamp.kind == PlantState::KIND));
+//! assert_eq!((received.robot.as_str(), received.period_nanos), ("mecanum", 100_000_000));
+//! assert!(matches!(received.message, TelemetryMessage::State(state) if state.stamp.kind == PlantState::KIND));
 //! # Ok::<(), network::telemetry::TelemetryError>(())
 //! ```
 
@@ -41,7 +41,7 @@ mod session;
 mod watcher;
 
 pub use publisher::Publisher;
-pub use watcher::{Heard, Watcher, Word};
+pub use watcher::{Telemetry, TelemetryMessage, Watcher};
 
 use access::Credentials;
 use protocol::frame::DecodeError;

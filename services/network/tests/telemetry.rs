@@ -2,7 +2,7 @@
 //! send false data to others.
 
 use bytemuck::Zeroable;
-use network::telemetry::{Heard, Publisher, TelemetryError, TelemetrySettings, Watcher};
+use network::telemetry::{Publisher, TelemetryError, TelemetryMessage, TelemetrySettings, Watcher};
 use protocol::VERSION;
 use protocol::message::{Message, Plan, PlantState};
 use protocol::view::View;
@@ -67,7 +67,7 @@ fn publish_until<V>(
             break;
         }
     }
-    Err("nothing was heard".into())
+    Err("nothing was received".into())
 }
 
 #[test]
@@ -97,14 +97,14 @@ fn a_watcher_receives_states_and_plans_as_they_were_published() -> Outcome {
     publisher.publish(&plan)?;
     let begin = Instant::now();
     while begin.elapsed() < GIVES_UP_AFTER {
-        if let Some(word) = watcher.next(SOON)?
-            && let Heard::Plan(heard) = word.said
+        if let Some(telemetry) = watcher.next(SOON)?
+            && let TelemetryMessage::Plan(received) = telemetry.message
         {
-            assert_eq!((heard.model_version, heard.stamp.kind), (7, Plan::KIND));
+            assert_eq!((received.model_version, received.stamp.kind), (7, Plan::KIND));
             return Ok(());
         }
     }
-    Err("no plan was heard".into())
+    Err("no plan was received".into())
 }
 
 #[test]

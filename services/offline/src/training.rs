@@ -48,7 +48,7 @@ impl<'a, const D: usize> Training<'a, D> {
         }
         for period in periods {
             data.follow_dead_time(&period.sample);
-            data.take_in(&period.sample);
+            data.add(&period.sample);
         }
         self.fit.fit(&data.observations(), &self.fit.hyperparameters())
     }

@@ -97,14 +97,14 @@ mod tests {
                 request: request.clone(),
                 answer,
             };
-            let said = serde_json::to_value(&settled)?;
+            let row = serde_json::to_value(&settled)?;
             let schema = schema();
             let known = schema["properties"].as_object().ok_or("no properties")?;
             assert!(
-                said.as_object().ok_or("no object")?.keys().all(|key| known.contains_key(key)),
-                "{said}"
+                row.as_object().ok_or("no object")?.keys().all(|key| known.contains_key(key)),
+                "{row}"
             );
-            assert_eq!(serde_json::from_value::<Settled>(said)?, settled);
+            assert_eq!(serde_json::from_value::<Settled>(row)?, settled);
         }
         Ok(())
     }

@@ -21,7 +21,7 @@ pub(crate) struct Grant {
     reach: Reach,
     /// The last grant, and the time of the last grant or state.
     last: Option<Credit>,
-    heard: Instant,
+    received: Instant,
 }
 
 impl Grant {
@@ -34,13 +34,13 @@ impl Grant {
             Pace::RealTime => None,
             Pace::LockStep => Some(ports.sink()?),
         };
-        Ok(Self { sink, reach: Reach::default(), last: None, heard: Instant::now() })
+        Ok(Self { sink, reach: Reach::default(), last: None, received: Instant::now() })
     }
 
     /// Notes that the plant of `epoch` has reached `tick`, and that its state is written.
     pub(crate) fn note_state(&mut self, epoch: u64, tick: u64) {
         self.reach.note(epoch, tick);
-        self.heard = Instant::now();
+        self.received = Instant::now();
     }
 
     /// Notes the same by a Health: a plant that sends nothing else may be waiting for its credit.
@@ -63,7 +63,7 @@ impl Grant {
             reserved: 0,
         };
         let sent = sink.send(&mut credit).inspect_err(|_| self.reach.granted_at = None);
-        (self.last, self.heard) = (Some(credit), Instant::now());
+        (self.last, self.received) = (Some(credit), Instant::now());
         sent
     }
 
@@ -76,8 +76,8 @@ impl Grant {
         let Some(sink) = &mut self.sink else { return Ok(()) };
         sink.refresh()?;
         match &self.last {
-            Some(credit) if self.heard.elapsed() > SILENCE => {
-                self.heard = Instant::now();
+            Some(credit) if self.received.elapsed() > SILENCE => {
+                self.received = Instant::now();
                 sink.send_stamped(credit)
             }
             _ => Ok(()),

@@ -157,10 +157,10 @@ pub fn head(path: &Path) -> io::Result<Head> {
                 }
             }
             LinearReadEvent::Record { opcode: op::METADATA, data } => {
-                if let Ok(Record::Metadata(said)) = mcap::parse_record(op::METADATA, data)
-                    && said.name == "coxswain"
+                if let Ok(Record::Metadata(metadata)) = mcap::parse_record(op::METADATA, data)
+                    && metadata.name == "coxswain"
                 {
-                    return Ok(Head { profile, ..Head::of(&said) });
+                    return Ok(Head { profile, ..Head::of(&metadata) });
                 }
             }
             // The metadata comes before the first message.
@@ -172,8 +172,8 @@ pub fn head(path: &Path) -> io::Result<Head> {
 }
 
 impl Head {
-    fn of(said: &Metadata) -> Self {
-        let word = |key: &str| said.metadata.get(key).cloned().unwrap_or_default();
+    fn of(metadata: &Metadata) -> Self {
+        let word = |key: &str| metadata.metadata.get(key).cloned().unwrap_or_default();
         Self {
             graph: word("graph"),
             pace: word("pace"),

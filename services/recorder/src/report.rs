@@ -4,7 +4,7 @@
 //! | module     | what it holds                                                                  |
 //! |------------|--------------------------------------------------------------------------------|
 //! | `record`   | the files of one run → the data of its figures                                 |
-//! | `heard`    | recorded JSON → the data of the figures                                        |
+//! | `recorded` | recorded JSON → the data of the figures                                        |
 //! | `events`   | events and their times                                                         |
 //! | `coverage` | residuals against the interval of the learned model                            |
 //! | `tracking` | path and tracking errors (the paper's figures 3 and 4)                         |
@@ -25,12 +25,12 @@ pub mod axis;
 mod coverage;
 mod events;
 mod figure;
-mod heard;
 mod learning;
 mod motion;
 pub mod page;
 pub mod panel;
 mod record;
+mod recorded;
 mod running;
 mod table;
 mod thin;

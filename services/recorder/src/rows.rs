@@ -171,7 +171,7 @@ impl Rows {
     }
 
     /// Adds a state that was received, not read.
-    pub fn heard_state(&mut self, state: &PlantState) {
+    pub fn received_state(&mut self, state: &PlantState) {
         self.states.push(StateRow {
             stamp: (&state.stamp).into(),
             accepted_epoch: state.accepted_epoch,
@@ -184,7 +184,7 @@ impl Rows {
     }
 
     /// Adds a truth that was received, not read.
-    pub fn heard_truth(&mut self, truth: &Truth) {
+    pub fn received_truth(&mut self, truth: &Truth) {
         self.truths.push(TruthRow {
             stamp: (&truth.stamp).into(),
             pose: truth.pose,
@@ -193,7 +193,7 @@ impl Rows {
     }
 
     /// Adds a plan that was received, not read.
-    pub fn heard_plan(&mut self, plan: &Plan) {
+    pub fn received_plan(&mut self, plan: &Plan) {
         let [reference, ..] = plan.reference;
         self.plans.push(PlanRow {
             stamp: (&plan.stamp).into(),

@@ -119,7 +119,7 @@ impl<'a> Recorder<'a> {
     fn record(mut self, settings: &Settings, stop: &Stop) -> Result<Summary, RecorderError> {
         self.pulse.phase(Phase::Ready);
         self.write_until(stop)?;
-        self.hear_out()?;
+        self.receive_rest()?;
         let unwritten = self.store.finish()?;
         let folder = &settings.run.folder;
         let summary = Summary::of(&Rows::read(&segment::paths(folder))?, settings.run.period_nanos)
@@ -149,13 +149,13 @@ impl<'a> Recorder<'a> {
     }
 
     /// Writes the last messages of the other processes, which were stopped earlier.
-    fn hear_out(&mut self) -> Result<(), RecorderError> {
+    fn receive_rest(&mut self) -> Result<(), RecorderError> {
         let requested = Instant::now();
-        let mut heard = requested;
-        while heard.elapsed() < SILENCE && requested.elapsed() < LAST_WORDS {
+        let mut received = requested;
+        while received.elapsed() < SILENCE && requested.elapsed() < LAST_WORDS {
             self.intake.states.wait(PATIENCE)?;
             if self.round()? == Round::Wrote {
-                heard = Instant::now();
+                received = Instant::now();
             }
         }
         self.changes.write_last(&mut self.store)?;

@@ -278,10 +278,10 @@ impl Segment {
     fn append_json(
         &mut self,
         header: &MessageHeader,
-        says: &impl Serialize,
+        content: &impl Serialize,
     ) -> Result<(), McapError> {
         self.json.clear();
-        serde_json::to_writer(&mut self.json, says).map_err(io::Error::from)?;
+        serde_json::to_writer(&mut self.json, content).map_err(io::Error::from)?;
         self.writer.write_to_known_channel(header, &self.json)
     }
 

@@ -39,7 +39,7 @@ pub enum What {
     /// The process sends no messages.
     Silent,
     /// The process sends messages again.
-    Heard,
+    SendsAgain,
     /// The robot sends no states.
     Lost,
     /// The robot sends states again.
@@ -127,7 +127,7 @@ impl What {
             Self::Counted(Counter::ModelsLeft, _) => ("counted", Note),
             Self::Counted(..) => ("counted", Fault),
             Self::Silent => ("silent", Fault),
-            Self::Heard => ("heard", Mended),
+            Self::SendsAgain => ("sends-again", Mended),
             Self::Lost => ("lost", Fault),
             Self::Back => ("back", Mended),
             Self::Change(_) => ("change", Note),
@@ -152,7 +152,7 @@ impl fmt::Display for What {
             Self::Phase(_, to) => write!(f, "is {to}"),
             Self::Counted(counter, more) => write!(f, "{}: {more}", counter.text()),
             Self::Silent => f.write_str("is silent"),
-            Self::Heard => f.write_str("sends messages again"),
+            Self::SendsAgain => f.write_str("sends messages again"),
             Self::Lost => f.write_str("lost: no message from the robot"),
             Self::Back => f.write_str("the robot is back"),
             Self::Error(_, text) | Self::Change(text) => f.write_str(text),

@@ -15,7 +15,7 @@ pub struct Process {
     /// Its last Health.
     pub health: Box<Health>,
     /// When the Health was received.
-    pub heard: Instant,
+    pub received: Instant,
     /// Number of its instances so far.
     pub starts: u32,
     silent: bool,
@@ -28,7 +28,7 @@ impl Process {
     pub(crate) fn new(health: &Health, now: Instant) -> Self {
         Self {
             health: Box::new(*health),
-            heard: now,
+            received: now,
             starts: 1,
             silent: false,
             counted: Counter::ALL.map(|counter| counter.of(health)),
@@ -37,7 +37,7 @@ impl Process {
     }
 
     /// Takes in its next message, and returns what has changed.
-    pub(crate) fn take_in(&mut self, health: &Health, now: Instant) -> Vec<What> {
+    pub(crate) fn update(&mut self, health: &Health, now: Instant) -> Vec<What> {
         let before = std::mem::replace(&mut *self.health, *health);
         let mut changes = Vec::new();
         let (pid, writer) = (health.pid, health.stamp.writer);
@@ -47,9 +47,9 @@ impl Process {
             self.counted = [0; Counter::ALL.len()];
             changes.push(What::Restarted(pid));
         } else if self.silent {
-            changes.push(What::Heard);
+            changes.push(What::SendsAgain);
         }
-        (self.heard, self.silent) = (now, false);
+        (self.received, self.silent) = (now, false);
         let (from, to, error) = (before.phase(), health.phase(), health.last_error());
         if !error.is_empty() && (another || error != before.last_error()) {
             changes.push(What::Error(to, error.to_owned()));
@@ -75,7 +75,7 @@ impl Process {
 
     /// Whether it is silent at `now`. A finished process may be silent.
     pub fn is_silent(&self, now: Instant) -> bool {
-        now.saturating_duration_since(self.heard) > SILENCE
+        now.saturating_duration_since(self.received) > SILENCE
             && self.health.phase() != Phase::Finished
     }
 

@@ -20,7 +20,7 @@ pub struct SeenObstacles {
     /// The list.
     pub list: Box<Obstacles>,
     /// When it was received.
-    pub heard: Instant,
+    pub received: Instant,
 }
 
 /// The present state of one robot and its processes, and what happened last.
@@ -41,7 +41,7 @@ pub struct RunView {
 impl RunView {
     /// Takes in a measured state. Returns whether it begins a new run: it is the state of another
     /// plant.
-    pub fn hear_state(&mut self, state: &PlantState) -> bool {
+    pub fn receive_state(&mut self, state: &PlantState) -> bool {
         let Some(before) = self.state.replace(Box::new(*state)) else { return false };
         let another =
             (before.stamp.writer, before.stamp.epoch) != (state.stamp.writer, state.stamp.epoch);
@@ -60,7 +60,7 @@ impl RunView {
     }
 
     /// Takes in the present goal, or the end of one.
-    pub fn hear_goal(&mut self, goal: &Goal) {
+    pub fn receive_goal(&mut self, goal: &Goal) {
         let before = self.goal.replace(*goal).map(|before| (before.id, before.phase));
         if before != Some((goal.id, goal.phase)) {
             self.note(Participant::Controller, What::Goal(*goal));
@@ -68,16 +68,16 @@ impl RunView {
     }
 
     /// Takes in a list of obstacles.
-    pub fn hear_obstacles(&mut self, list: &Obstacles, now: Instant) {
-        let seen = SeenObstacles { list: Box::new(*list), heard: now };
+    pub fn receive_obstacles(&mut self, list: &Obstacles, now: Instant) {
+        let seen = SeenObstacles { list: Box::new(*list), received: now };
         self.obstacles.insert(list.source(), seen);
     }
 
     /// Takes in the Health of a process. Of a process of another version nothing is known.
-    pub fn hear_health(&mut self, health: &Health, now: Instant) {
+    pub fn receive_health(&mut self, health: &Health, now: Instant) {
         let Some(who) = health.participant() else { return };
         let changes = if let Some(process) = self.processes.get_mut(&who) {
-            process.take_in(health, now)
+            process.update(health, now)
         } else {
             self.processes.insert(who, Process::new(health, now));
             let (phase, error) = (health.phase(), health.last_error());
@@ -104,7 +104,7 @@ impl RunView {
         let before = self.obstacles.len();
         self.obstacles.retain(|_, seen| {
             let valid = Duration::try_from_secs_f64(seen.list.valid_s).unwrap_or_default();
-            now.saturating_duration_since(seen.heard) <= valid.saturating_add(SHOWN_AFTER)
+            now.saturating_duration_since(seen.received) <= valid.saturating_add(SHOWN_AFTER)
         });
         self.obstacles.len() < before
     }

@@ -35,7 +35,7 @@ const DRAWN_BITS: u32 = 21;
 /// The time alone is not unique: a machine without a clock may start with the time of its last
 /// shutdown. So a part is random. The epoch grows with the time, so that launches that meet use the
 /// later one.
-pub fn unheard_of(since_1970: Duration) -> u64 {
+pub fn unused_epoch(since_1970: Duration) -> u64 {
     let drawn = Identity::new(0).writer & ((1 << DRAWN_BITS) - 1);
     (since_1970.as_secs() << DRAWN_BITS | drawn).min(EPOCH_MAX)
 }
@@ -143,7 +143,7 @@ mod tests {
         assert_eq!(
             epochs.give(Participant::Controller)?,
             1,
-            "it may have died before it was heard"
+            "it may have died before it was received"
         );
         epochs.observe(Participant::Controller, 9)?;
         epochs.observe(Participant::Controller, 3)?;
@@ -155,11 +155,12 @@ mod tests {
     #[test]
     fn epochs_of_one_second_differ_and_those_of_a_later_second_are_greater() {
         let second = Duration::from_secs(1_795_250_000);
-        let drawn: std::collections::BTreeSet<u64> = (0..50).map(|_| unheard_of(second)).collect();
+        let drawn: std::collections::BTreeSet<u64> =
+            (0..50).map(|_| unused_epoch(second)).collect();
         assert!(drawn.len() > 45, "{drawn:?}");
-        let later = unheard_of(second + Duration::from_secs(1));
+        let later = unused_epoch(second + Duration::from_secs(1));
         assert!(drawn.iter().all(|&epoch| epoch < later && epoch < 1 << 53));
-        assert_eq!(unheard_of(Duration::MAX), EPOCH_MAX);
+        assert_eq!(unused_epoch(Duration::MAX), EPOCH_MAX);
     }
 
     #[test]

@@ -83,7 +83,7 @@ impl Child {
     }
 
     /// Its heartbeats so far. No other process can forge them.
-    pub fn heard(&mut self) -> &Lifeline {
+    pub fn lifeline(&mut self) -> &Lifeline {
         self.lifeline.listen();
         &self.lifeline
     }

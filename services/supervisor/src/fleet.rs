@@ -10,7 +10,7 @@ use graph::file::is_needed;
 use graph::role::END_ORDER;
 use process::{Pace, Run};
 use protocol::message::{Participant, Phase};
-use runs::epochs::{Epochs, unheard_of};
+use runs::epochs::{Epochs, unused_epoch};
 use settings::WriteError;
 use std::collections::BTreeMap;
 use std::io;
@@ -172,7 +172,7 @@ impl<'a> Fleet<'a> {
         let floor = if meets { since_1970.as_secs() } else { 0 };
         let mut epochs = Epochs::open(&context.folder.join("epochs.toml"), floor)?;
         if context.assembly.graph.pace == Pace::RealTime {
-            epochs.observe(Participant::Plant, unheard_of(since_1970))?;
+            epochs.observe(Participant::Plant, unused_epoch(since_1970))?;
         }
         Ok(Self {
             context,
@@ -196,7 +196,7 @@ impl<'a> Fleet<'a> {
     /// Process id and number of heartbeats of `role`; none before the first heartbeat.
     pub fn heartbeats(&mut self, role: Participant) -> Option<(u32, u64)> {
         let State::Running(child) = &mut self.members.get_mut(&role)?.state else { return None };
-        Some((child.pid(), child.heard().beats())).filter(|(_, beats)| *beats > 0)
+        Some((child.pid(), child.lifeline().beats())).filter(|(_, beats)| *beats > 0)
     }
 
     /// Starts the process of `role`, with new settings above all earlier epochs. Returns the
@@ -259,7 +259,7 @@ impl<'a> Fleet<'a> {
                 last_words: last_words(&self.context.folder, role),
             });
         }
-        let ready = child.heard().phase() != Phase::Starting;
+        let ready = child.lifeline().phase() != Phase::Starting;
         let processes = &self.context.assembly.graph.processes;
         let real_time = self.context.assembly.graph.pace == Pace::RealTime;
         if !ready && real_time && since.elapsed() > processes.hung_after(role) && child.is_stopped()
@@ -294,7 +294,7 @@ impl<'a> Fleet<'a> {
                 // In lock step a process that waits sends no heartbeat, and its own timeout ends
                 // the run.
                 let patience = self.context.assembly.graph.processes.hung_after(role);
-                let beats = child.heard().beats();
+                let beats = child.lifeline().beats();
                 if real_time
                     && let Some(silence) =
                         member.silence.broken_by(beats, round, patience, || child.is_stopped())

@@ -82,10 +82,10 @@ impl ServiceManager {
         self.say("READY=1");
     }
 
-    /// Resets the watchdog at `now`, if it is due and the loops have run. `heard` returns a role's
+    /// Resets the watchdog at `now`, if it is due and the loops have run. `received` returns a role's
     /// process and its heartbeats.
-    pub fn feed(&mut self, heard: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) {
-        if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_fed(heard, now)) {
+    pub fn feed(&mut self, received: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) {
+        if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_fed(received, now)) {
             self.say("WATCHDOG=1");
         }
     }
@@ -118,13 +118,13 @@ impl Watchdog {
     /// Whether a reset is due, and every loop has run since the last one.
     fn is_fed(
         &mut self,
-        heard: impl FnMut(Participant) -> Option<(u32, u64)>,
+        received: impl FnMut(Participant) -> Option<(u32, u64)>,
         now: Instant,
     ) -> bool {
         if self.next.is_some_and(|next| now < next) {
             return false;
         }
-        let beats: Vec<Option<(u32, u64)>> = self.loops.keys().copied().map(heard).collect();
+        let beats: Vec<Option<(u32, u64)>> = self.loops.keys().copied().map(received).collect();
         if self.loops.values().zip(&beats).any(|(before, beats)| beats.is_none() || beats == before)
         {
             return false;
@@ -146,14 +146,14 @@ mod tests {
         let mut watchdog = Watchdog::new(EVERY, Participant::ALL);
         let begin = Instant::now();
         let mut fed = |seconds: u32, plant, controller: Option<(u32, u64)>| {
-            let heard = |role| match role {
+            let received = |role| match role {
                 Participant::Plant => Some(plant),
                 Participant::Controller => controller,
                 _ => None,
             };
-            watchdog.is_fed(heard, begin + EVERY * seconds)
+            watchdog.is_fed(received, begin + EVERY * seconds)
         };
-        assert!(!fed(0, (1, 5), None), "nothing has been heard of the controller");
+        assert!(!fed(0, (1, 5), None), "nothing has been received of the controller");
         assert!(fed(1, (1, 6), Some((2, 1))));
         assert!(!fed(1, (1, 7), Some((2, 2))), "it is not time");
         assert!(!fed(2, (1, 8), Some((2, 1))), "the controller hangs");

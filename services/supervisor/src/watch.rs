@@ -80,7 +80,7 @@ impl View {
     }
 
     /// Records a Goal. Each change of its phase is told.
-    pub fn take_in_goal(&mut self, goal: &Goal) {
+    pub fn update_goal(&mut self, goal: &Goal) {
         let now = (goal.id, goal.phase());
         if self.goal.replace(now) != Some(now) && self.goals.len() < COMPLAINTS_MAX {
             self.goals.push(format!("goal {} ({}): {}", goal.id, goal.kind(), goal.phase()));
@@ -88,7 +88,7 @@ impl View {
     }
 
     /// Records a Health.
-    pub fn take_in(&mut self, health: &Health) {
+    pub fn update_health(&mut self, health: &Health) {
         if let Some(role) = health.participant() {
             self.health.insert(role, HealthView { phase: health.phase() });
             let error = health.last_error();
@@ -126,7 +126,7 @@ impl Watch {
         let thread = thread::spawn({
             let (view, done, links) = (Arc::clone(&view), done.clone(), links.clone());
             move || match Ears::open(&links) {
-                Ok(ears) => ears.listen(&opened, &view, &done),
+                Ok(sources) => sources.listen(&opened, &view, &done),
                 Err(error) => drop(opened.send(Err(error))),
             }
         });
@@ -203,10 +203,10 @@ impl Ears {
             lock(view).plan = Some(PlanView::from(&plan));
         }
         while let Some(health) = self.health.next()? {
-            lock(view).take_in(&health);
+            lock(view).update_health(&health);
         }
         while let Some(goal) = self.goals.next()? {
-            lock(view).take_in_goal(&goal);
+            lock(view).update_goal(&goal);
         }
         Ok(())
     }

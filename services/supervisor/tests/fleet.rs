@@ -315,7 +315,7 @@ fn a_plant_that_has_reported_its_end_and_is_killed_then_ends_the_run() -> Outcom
         let mut fleet = Fleet::new(context)?;
         fleet.start(Participant::Plant)?;
         let mut view = View::default();
-        view.take_in(&Health {
+        view.update_health(&Health {
             participant: Participant::Plant.code(),
             phase: phase.code(),
             ..Health::zeroed()

@@ -95,7 +95,7 @@ fn measure<T: OnTopic>(
                 (ports(0)?.source::<T>(Since::First)?, ports(1)?.sink::<T>()?);
             ready.send(())?;
             loop {
-                let mut message = heard(&mut source)?;
+                let mut message = received(&mut source)?;
                 let last = message.stamp().tick == LAST;
                 sink.send(&mut message)?;
                 if last {
@@ -113,7 +113,7 @@ fn measure<T: OnTopic>(
                 let answer = sink
                     .send(&mut message)
                     .map_err(Failure::from)
-                    .and_then(|()| heard(&mut source));
+                    .and_then(|()| received(&mut source));
                 match answer {
                     Ok(answer) if answer.stamp().tick == message.stamp().tick => {}
                     Ok(_) => failure = Some("another message came back".into()),
@@ -123,13 +123,13 @@ fn measure<T: OnTopic>(
         });
         message.stamp_mut().tick = LAST;
         sink.send(&mut message)?;
-        heard(&mut source)?;
+        received(&mut source)?;
         echo.join().map_err(|_| "the echo panicked")??;
         failure.map_or(Ok(()), Err)
     })
 }
 
-fn heard<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
+fn received<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
     while source.wait(LONG)? {
         if let Some(message) = source.latest()? {
             return Ok(message);

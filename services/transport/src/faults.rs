@@ -6,7 +6,7 @@
 //! | `anatomy`  | takes a message apart and seals it again                           |
 //! | `stage`    | one fault on one link: what it makes of each message               |
 //! | `chain`    | all faults of one link, one behind the other, and what they hold   |
-//! | `carrier`  | the inlet and the outlet around the real ones                      |
+//! | `carrier`  | the receiver and the sender around the real ones                      |
 //! | `random`   | the seeded generator that every fault has of its own               |
 //!
 //! Every decision depends on the seed, the rule, the link and the messages alone, never on a clock.
@@ -26,10 +26,10 @@ mod chain;
 mod random;
 mod stage;
 
-use carrier::{FaultyInlet, FaultyOutlet};
+use carrier::{FaultyReceiver, FaultySender};
 pub(super) use chain::Chain;
 
-use crate::carrier::{Inlet, Outlet};
+use crate::carrier::{Receiver, Sender};
 use protocol::message::Participant;
 use protocol::topic::{Delivery, OnTopic, Topic};
 use serde::{Deserialize, Serialize};
@@ -375,25 +375,25 @@ impl Injection {
         (!faults.is_empty()).then(|| Self { faults: Arc::new(faults.clone()), lock_step, injected })
     }
 
-    /// `outlet`, with the faults of `T`'s writers around it if there are any.
-    pub(super) fn around_outlet<T: OnTopic>(
+    /// `sender`, with the faults of `T`'s writers around it if there are any.
+    pub(super) fn around_sender<T: OnTopic>(
         &self,
-        outlet: Box<dyn Outlet + Send>,
-    ) -> Box<dyn Outlet + Send> {
+        sender: Box<dyn Sender + Send>,
+    ) -> Box<dyn Sender + Send> {
         match self.chain::<T>(End::Writer) {
-            Some(chain) => Box::new(FaultyOutlet::new(outlet, chain)),
-            None => outlet,
+            Some(chain) => Box::new(FaultySender::new(sender, chain)),
+            None => sender,
         }
     }
 
-    /// `inlet`, with the faults of `T`'s readers around it if there are any.
-    pub(super) fn around_inlet<T: OnTopic>(
+    /// `receiver`, with the faults of `T`'s readers around it if there are any.
+    pub(super) fn around_receiver<T: OnTopic>(
         &self,
-        inlet: Box<dyn Inlet + Send>,
-    ) -> Box<dyn Inlet + Send> {
+        receiver: Box<dyn Receiver + Send>,
+    ) -> Box<dyn Receiver + Send> {
         match self.chain::<T>(End::Reader) {
-            Some(chain) => Box::new(FaultyInlet::new(inlet, chain)),
-            None => inlet,
+            Some(chain) => Box::new(FaultyReceiver::new(receiver, chain)),
+            None => receiver,
         }
     }
 

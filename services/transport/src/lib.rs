@@ -5,12 +5,12 @@
 //! | `links`          | [`Links`]: how the links of one graph run, as a setting                   |
 //! | `error`          | one error enum per operation                                              |
 //! | `sink`, `source` | stamping, sequence, decoding, counting: written once, for every carrier   |
-//! | `sequence`       | who was heard, up to where: what is lost and what is stale                |
+//! | `sequence`       | who was received, up to where: what is lost and what is stale                |
 //! | `carrier`        | what a carrier must do: move bytes                                        |
 //! | `memory`         | the carrier inside one process, for tests and experiments                 |
 //! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
 //! | `faults`         | what is lost, delayed and damaged on purpose, with the feature `faults`   |
-//! | `watched`        | in lock step, the second outlet for those who only look on                |
+//! | `watched`        | in lock step, the second sender for those who only look on                |
 //!
 //! ```
 //! use protocol::message::Credit;
@@ -52,7 +52,7 @@ pub use shared_memory::{HalfMade, SweepReport, claim, sweep};
 pub use sink::{RawSink, Sink};
 pub use source::{Source, Tally};
 
-use carrier::{Inlet, Outlet};
+use carrier::{Receiver, Sender};
 #[cfg(feature = "faults")]
 use faults::Injection;
 use protocol::message::Message;
@@ -180,13 +180,13 @@ impl Ports {
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place
     /// for one more writer.
     pub fn sink<T: OnTopic>(&self) -> Result<Sink<T>, OpenError> {
-        let outlet = self.outlet(T::TOPIC, Reservation::of::<T>())?;
+        let sender = self.sender(T::TOPIC, Reservation::of::<T>())?;
         #[cfg(feature = "faults")]
-        let outlet = match &self.injection {
-            Some(injection) => injection.around_outlet::<T>(outlet),
-            None => outlet,
+        let sender = match &self.injection {
+            Some(injection) => injection.around_sender::<T>(sender),
+            None => sender,
         };
-        Ok(Sink::new(outlet, self.identity))
+        Ok(Sink::new(sender, self.identity))
     }
 
     /// Opens a reader of `T` on its topic.
@@ -195,13 +195,13 @@ impl Ports {
     /// [`OpenError`] if the link exists with another message, version or quality, or has no place
     /// for one more reader.
     pub fn source<T: OnTopic>(&self, since: Since) -> Result<Source<T>, OpenError> {
-        let inlet = self.inlet(T::TOPIC, Audience::Members)?;
+        let receiver = self.receiver(T::TOPIC, Audience::Members)?;
         #[cfg(feature = "faults")]
-        let inlet = match &self.injection {
-            Some(injection) => injection.around_inlet::<T>(inlet),
-            None => inlet,
+        let receiver = match &self.injection {
+            Some(injection) => injection.around_receiver::<T>(receiver),
+            None => receiver,
         };
-        Ok(Source::new(inlet, since))
+        Ok(Source::new(receiver, since))
     }
 
     /// Opens a reader of `T` for a watcher, which no writer waits for: the newest messages win, in
@@ -210,7 +210,7 @@ impl Ports {
     /// # Errors
     /// As for [`source`](Self::source).
     pub fn watcher<T: OnTopic>(&self) -> Result<Source<T>, OpenError> {
-        Ok(Source::new(self.inlet(T::TOPIC, Audience::Watchers)?, Since::Joining))
+        Ok(Source::new(self.receiver(T::TOPIC, Audience::Watchers)?, Since::Joining))
     }
 
     /// Opens a writer of arbitrary bytes, to test how readers handle them.
@@ -218,38 +218,42 @@ impl Ports {
     /// # Errors
     /// As for [`sink`](Self::sink).
     pub fn raw_sink(&self, topic: Topic) -> Result<RawSink, OpenError> {
-        Ok(RawSink::new(self.outlet(topic, Reservation::Growing)?))
+        Ok(RawSink::new(self.sender(topic, Reservation::Growing)?))
     }
 
-    fn outlet(
+    fn sender(
         &self,
         topic: Topic,
         reservation: Reservation,
-    ) -> Result<Box<dyn Outlet + Send>, OpenError> {
+    ) -> Result<Box<dyn Sender + Send>, OpenError> {
         match &self.place {
-            Place::Here(exchange) => Ok(Box::new(exchange.outlet(topic)?)),
+            Place::Here(exchange) => Ok(Box::new(exchange.sender(topic)?)),
             Place::Machine { lock_step, shared } if Audience::is_split(topic, *lock_step) => {
                 Ok(Box::new(Watched {
-                    members: shared.outlet(topic, Audience::Members, reservation)?,
-                    watchers: shared.outlet(topic, Audience::Watchers, reservation)?,
+                    members: shared.sender(topic, Audience::Members, reservation)?,
+                    watchers: shared.sender(topic, Audience::Watchers, reservation)?,
                 }))
             }
             Place::Machine { shared, .. } => {
-                Ok(Box::new(shared.outlet(topic, Audience::Members, reservation)?))
+                Ok(Box::new(shared.sender(topic, Audience::Members, reservation)?))
             }
         }
     }
 
-    fn inlet(&self, topic: Topic, audience: Audience) -> Result<Box<dyn Inlet + Send>, OpenError> {
+    fn receiver(
+        &self,
+        topic: Topic,
+        audience: Audience,
+    ) -> Result<Box<dyn Receiver + Send>, OpenError> {
         match &self.place {
-            Place::Here(exchange) => Ok(Box::new(exchange.inlet(topic, audience)?)),
+            Place::Here(exchange) => Ok(Box::new(exchange.receiver(topic, audience)?)),
             Place::Machine { lock_step, shared } => {
                 let audience = if Audience::is_split(topic, *lock_step) {
                     audience
                 } else {
                     Audience::Members
                 };
-                Ok(Box::new(shared.inlet(topic, audience)?))
+                Ok(Box::new(shared.receiver(topic, audience)?))
             }
         }
     }

@@ -4,7 +4,7 @@
 //! all been used. A lock is taken for every message: this carrier is for tests and experiments, not
 //! for a control loop.
 
-use super::carrier::{Inlet, Outlet};
+use super::carrier::{Receiver, Sender};
 use super::links::PATIENCE_MAX;
 use super::{Audience, OpenError, ReceiveError, SendError};
 use protocol::topic::{Delivery, Quality, TOPIC_COUNT, Topic};
@@ -61,7 +61,7 @@ impl Exchange {
         self.shared.lock_step
     }
 
-    pub(super) fn outlet(&self, topic: Topic) -> Result<MemoryOutlet, OpenError> {
+    pub(super) fn sender(&self, topic: Topic) -> Result<MemorySender, OpenError> {
         let quality = topic.quality(self.shared.lock_step);
         let mut table = self.shared.table(topic);
         if table.writers.len() >= quality.writers {
@@ -70,7 +70,7 @@ impl Exchange {
         let id = table.draw_id();
         table.writers.push((id, VecDeque::new()));
         drop(table);
-        Ok(MemoryOutlet {
+        Ok(MemorySender {
             exchange: self.clone(),
             topic,
             quality,
@@ -80,7 +80,11 @@ impl Exchange {
         })
     }
 
-    pub(super) fn inlet(&self, topic: Topic, audience: Audience) -> Result<MemoryInlet, OpenError> {
+    pub(super) fn receiver(
+        &self,
+        topic: Topic,
+        audience: Audience,
+    ) -> Result<MemoryReceiver, OpenError> {
         let quality = audience.quality(topic, self.shared.lock_step);
         let mut table = self.shared.table(topic);
         if table.readers.len() >= quality.readers {
@@ -94,7 +98,7 @@ impl Exchange {
         let id = table.draw_id();
         table.readers.push((id, Arc::clone(&queue)));
         drop(table);
-        Ok(MemoryInlet { exchange: self.clone(), topic, id, queue })
+        Ok(MemoryReceiver { exchange: self.clone(), topic, id, queue })
     }
 }
 
@@ -170,7 +174,7 @@ impl Queue {
 }
 
 /// One writer.
-pub(super) struct MemoryOutlet {
+pub(super) struct MemorySender {
     exchange: Exchange,
     topic: Topic,
     quality: Quality,
@@ -179,7 +183,7 @@ pub(super) struct MemoryOutlet {
     bytes: Vec<u8>,
 }
 
-impl Outlet for MemoryOutlet {
+impl Sender for MemorySender {
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
         self.bytes.resize(length, 0);
         fill(&mut self.bytes);
@@ -212,21 +216,21 @@ impl Outlet for MemoryOutlet {
     }
 }
 
-impl Drop for MemoryOutlet {
+impl Drop for MemorySender {
     fn drop(&mut self) {
         self.exchange.shared.table(self.topic).writers.retain(|(id, _)| *id != self.id);
     }
 }
 
 /// One reader.
-pub(super) struct MemoryInlet {
+pub(super) struct MemoryReceiver {
     exchange: Exchange,
     topic: Topic,
     id: u64,
     queue: Arc<Queue>,
 }
 
-impl Inlet for MemoryInlet {
+impl Receiver for MemoryReceiver {
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError> {
         let Some(bytes) = self.queue.lock().waiting.pop_front() else {
             return Ok(false);
@@ -248,7 +252,7 @@ impl Inlet for MemoryInlet {
     }
 }
 
-impl Drop for MemoryInlet {
+impl Drop for MemoryReceiver {
     fn drop(&mut self) {
         self.exchange.shared.table(self.topic).readers.retain(|(id, _)| *id != self.id);
         self.queue.lock().closed = true;

@@ -31,7 +31,7 @@ pub(super) enum Place {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Heard {
+struct Latest {
     writer: u64,
     epoch: u64,
     sequence: u64,
@@ -41,23 +41,23 @@ struct Heard {
 #[derive(Debug)]
 pub(super) struct Sequences {
     since: Since,
-    heard: Vec<Heard>,
+    latest: Vec<Latest>,
 }
 
 impl Sequences {
     pub(super) fn new(since: Since) -> Self {
-        Self { since, heard: Vec::with_capacity(WRITERS_MAX) }
+        Self { since, latest: Vec::with_capacity(WRITERS_MAX) }
     }
 
     /// Judges the next message and remembers it. O(number of writers).
     pub(super) fn place(&mut self, stamp: &Stamp) -> Place {
         let known = self
-            .heard
+            .latest
             .iter()
-            .position(|heard| heard.writer == stamp.writer && heard.epoch == stamp.epoch);
+            .position(|latest| latest.writer == stamp.writer && latest.epoch == stamp.epoch);
         let last = known
-            .and_then(|index| self.heard.get(index))
-            .map_or_else(|| self.start(stamp), |heard| heard.sequence);
+            .and_then(|index| self.latest.get(index))
+            .map_or_else(|| self.start(stamp), |latest| latest.sequence);
         if stamp.sequence <= last {
             let is_repeated = known.is_some() && stamp.sequence == last;
             return if is_repeated && self.since == Since::Relaying {
@@ -66,18 +66,18 @@ impl Sequences {
                 Place::Stale
             };
         }
-        let latest = Heard { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence };
+        let latest = Latest { writer: stamp.writer, epoch: stamp.epoch, sequence: stamp.sequence };
         let end = if let Some(index) = known {
             index + 1
         } else {
-            self.heard.truncate(WRITERS_MAX - 1);
-            self.heard.push(latest);
-            self.heard.len()
+            self.latest.truncate(WRITERS_MAX - 1);
+            self.latest.push(latest);
+            self.latest.len()
         };
-        if let Some(fresh) = self.heard.get_mut(..end) {
+        if let Some(fresh) = self.latest.get_mut(..end) {
             fresh.rotate_right(1);
         }
-        if let Some(first) = self.heard.first_mut() {
+        if let Some(first) = self.latest.first_mut() {
             *first = latest;
         }
         Place::New { lost: stamp.sequence - last - 1 }
@@ -85,7 +85,7 @@ impl Sequences {
 
     /// Sequence number before the first message of a new writer and epoch.
     fn start(&self, stamp: &Stamp) -> u64 {
-        let new_epoch = self.heard.iter().any(|heard| heard.writer == stamp.writer);
+        let new_epoch = self.latest.iter().any(|latest| latest.writer == stamp.writer);
         match self.since {
             Since::Joining | Since::Relaying if !new_epoch => stamp.sequence.saturating_sub(1),
             Since::First | Since::Joining | Since::Relaying => 0,

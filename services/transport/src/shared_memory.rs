@@ -9,9 +9,9 @@
 mod alarm;
 mod closed;
 mod half_made;
-mod inlet;
-mod outlet;
+mod receiver;
 mod room;
+mod sender;
 mod service;
 mod sweep;
 
@@ -25,9 +25,9 @@ use iceoryx2::prelude::{
     Config, FileName, LogLevel, Node, NodeBuilder, Path, SemanticString, SignalHandlingMode,
     ipc_threadsafe, set_log_level,
 };
-use inlet::SharedMemoryInlet;
-use outlet::SharedMemoryOutlet;
 use protocol::topic::{Quality, Topic};
+use receiver::SharedMemoryReceiver;
+use sender::SharedMemorySender;
 use service::{Announcement, Events, Messages};
 use std::os::unix::ffi::OsStrExt;
 use std::sync::Arc;
@@ -83,21 +83,21 @@ impl SharedMemory {
         })
     }
 
-    pub(super) fn outlet(
+    pub(super) fn sender(
         &self,
         topic: Topic,
         audience: Audience,
         reservation: Reservation,
-    ) -> Result<SharedMemoryOutlet, OpenError> {
-        SharedMemoryOutlet::open(self, topic, audience, reservation)
+    ) -> Result<SharedMemorySender, OpenError> {
+        SharedMemorySender::open(self, topic, audience, reservation)
     }
 
-    pub(super) fn inlet(
+    pub(super) fn receiver(
         &self,
         topic: Topic,
         audience: Audience,
-    ) -> Result<SharedMemoryInlet, OpenError> {
-        SharedMemoryInlet::open(self, topic, audience)
+    ) -> Result<SharedMemoryReceiver, OpenError> {
+        SharedMemoryReceiver::open(self, topic, audience)
     }
 
     /// Opens or makes the services of `topic`, without a port.

@@ -1,6 +1,6 @@
 //! message → carrier: stamps, numbers and encodes.
 
-use super::carrier::Outlet;
+use super::carrier::Sender;
 use super::{Identity, SendError};
 use protocol::topic::OnTopic;
 use protocol::{VERSION, clock, frame};
@@ -12,7 +12,7 @@ use std::marker::PhantomData;
 /// next read. It never receives the messages of a writer that is gone by then. A connected reader
 /// keeps its waiting messages, even when the writer dies.
 pub struct Sink<T> {
-    outlet: Box<dyn Outlet + Send>,
+    sender: Box<dyn Sender + Send>,
     identity: Identity,
     sequence: u64,
     sent: u64,
@@ -20,8 +20,8 @@ pub struct Sink<T> {
 }
 
 impl<T: OnTopic> Sink<T> {
-    pub(super) fn new(outlet: Box<dyn Outlet + Send>, identity: Identity) -> Self {
-        Self { outlet, identity, sequence: 0, sent: 0, message: PhantomData }
+    pub(super) fn new(sender: Box<dyn Sender + Send>, identity: Identity) -> Self {
+        Self { sender, identity, sequence: 0, sent: 0, message: PhantomData }
     }
 
     /// Sends `message` to every reader, and fills in its stamp except for `tick`.
@@ -60,7 +60,7 @@ impl<T: OnTopic> Sink<T> {
     /// Passes a message to the carrier. Returns its checksum too.
     fn transmit(&mut self, message: &T) -> (u32, Result<(), SendError>) {
         let mut checksum = 0;
-        let sent = self.outlet.send(message.byte_len(), &mut |out| {
+        let sent = self.sender.send(message.byte_len(), &mut |out| {
             frame::encode(message, out);
             checksum = frame::peek(out).map_or(0, |stamp| stamp.checksum);
         });
@@ -84,18 +84,18 @@ impl<T: OnTopic> Sink<T> {
     /// # Errors
     /// [`SendError::Carrier`].
     pub fn refresh(&mut self) -> Result<(), SendError> {
-        self.outlet.refresh()
+        self.sender.refresh()
     }
 }
 
 /// A writer of arbitrary bytes without any check: for tests of how readers handle garbage.
 pub struct RawSink {
-    outlet: Box<dyn Outlet + Send>,
+    sender: Box<dyn Sender + Send>,
 }
 
 impl RawSink {
-    pub(super) fn new(outlet: Box<dyn Outlet + Send>) -> Self {
-        Self { outlet }
+    pub(super) fn new(sender: Box<dyn Sender + Send>) -> Self {
+        Self { sender }
     }
 
     /// Sends `bytes` as they are, with zeros appended up to a multiple of 8.
@@ -103,7 +103,7 @@ impl RawSink {
     /// # Errors
     /// As for [`Sink::send`].
     pub fn send_raw(&mut self, bytes: &[u8]) -> Result<(), SendError> {
-        self.outlet.send(bytes.len().next_multiple_of(8), &mut |out| {
+        self.sender.send(bytes.len().next_multiple_of(8), &mut |out| {
             let (head, padding) = out.split_at_mut(bytes.len());
             head.copy_from_slice(bytes);
             padding.fill(0);

@@ -1,6 +1,6 @@
 //! carrier → message: decodes, drops stale messages, and counts.
 
-use super::carrier::Inlet;
+use super::carrier::Receiver;
 use super::sequence::{Place, Sequences};
 use super::{ReceiveError, Since};
 use protocol::frame::{self, DecodeError};
@@ -24,7 +24,7 @@ pub struct Tally {
 
 /// A reader of `T` on its topic.
 pub struct Source<T> {
-    inlet: Box<dyn Inlet + Send>,
+    receiver: Box<dyn Receiver + Send>,
     sequences: Sequences,
     tally: Tally,
     last_refusal: Option<DecodeError>,
@@ -32,9 +32,9 @@ pub struct Source<T> {
 }
 
 impl<T: OnTopic> Source<T> {
-    pub(super) fn new(inlet: Box<dyn Inlet + Send>, since: Since) -> Self {
+    pub(super) fn new(receiver: Box<dyn Receiver + Send>, since: Since) -> Self {
         Self {
-            inlet,
+            receiver,
             sequences: Sequences::new(since),
             tally: Tally::default(),
             last_refusal: None,
@@ -57,7 +57,7 @@ impl<T: OnTopic> Source<T> {
     pub fn next(&mut self) -> Result<Option<T>, ReceiveError> {
         loop {
             let mut taken = None;
-            if !self.inlet.receive(&mut |bytes| taken = Some(frame::decode::<T>(bytes)))? {
+            if !self.receiver.receive(&mut |bytes| taken = Some(frame::decode::<T>(bytes)))? {
                 return Ok(None);
             }
             match taken {
@@ -97,7 +97,7 @@ impl<T: OnTopic> Source<T> {
     /// # Errors
     /// [`ReceiveError`] if the carrier fails.
     pub fn wait(&mut self, timeout: Duration) -> Result<bool, ReceiveError> {
-        self.inlet.wait(timeout)
+        self.receiver.wait(timeout)
     }
 
     /// The counters so far.

@@ -1,14 +1,14 @@
 //! One writer of a lossless link, and its watchers.
 //!
 //! In lock step a writer waits for its readers. It must not wait for a watcher, and a link on
-//! shared memory is lossless for all of its readers or for none. So the writer has a second outlet
+//! shared memory is lossless for all of its readers or for none. So the writer has a second sender
 //! beside the first, where the newest wins.
 
 use super::SendError;
-use super::carrier::Outlet;
+use super::carrier::Sender;
 use protocol::topic::{Delivery, Quality, Topic};
 
-/// The readers of an outlet.
+/// The readers of a sender.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Audience {
     /// The readers that determine the result of a run.
@@ -38,7 +38,7 @@ pub(super) struct Watched<O> {
     pub(super) watchers: O,
 }
 
-impl<O: Outlet> Outlet for Watched<O> {
+impl<O: Sender> Sender for Watched<O> {
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
         let sent = self.members.send(length, fill);
         // A failure to reach a watcher is no failure of the link.

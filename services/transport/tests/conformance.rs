@@ -49,9 +49,9 @@ every_carrier_keeps! {
         a_late_joiner_counts_no_losses_from_before_its_time,
         a_restarted_writer_is_received_at_once,
         a_new_epoch_starts_at_sequence_one,
-        a_restarted_reader_hears_what_comes_next,
+        a_restarted_reader_receives_what_comes_next,
         a_place_that_is_left_can_be_taken_again,
-        two_graphs_do_not_hear_each_other,
+        two_graphs_do_not_receive_each_other,
     }
     hostile {
         another_version_is_refused_with_both_named,

@@ -1,7 +1,7 @@
 //! Draws how far a robot is from its reference, live: `error_live tcp/127.0.0.1:7448 [robot]`.
 
 use anyhow::{Context, bail};
-use network::telemetry::{Heard, Watcher};
+use network::telemetry::{TelemetryMessage, Watcher};
 use process::Stop;
 use std::env;
 use std::io::{self, ErrorKind, Write};
@@ -28,11 +28,11 @@ fn main() -> anyhow::Result<ExitCode> {
     let stop = Stop::new();
     stop.on_signals()?;
     let mut watcher = Watcher::open(&endpoint, robot.as_deref()).context("no router answers")?;
-    let mut heard = Instant::now();
+    let mut received = Instant::now();
     while !stop.requested() {
-        let word = watcher.next(PATIENCE)?;
-        if let Some(Heard::Plan(plan)) = word.map(|word| word.said) {
-            heard = Instant::now();
+        let telemetry = watcher.next(PATIENCE)?;
+        if let Some(TelemetryMessage::Plan(plan)) = telemetry.map(|telemetry| telemetry.message) {
+            received = Instant::now();
             let error = plan.position_error();
             match writeln!(
                 io::stdout(),
@@ -46,7 +46,7 @@ fn main() -> anyhow::Result<ExitCode> {
                 written => written?,
             }
         }
-        if heard.elapsed() > SILENCE {
+        if received.elapsed() > SILENCE {
             bail!("no plan from a robot at {endpoint} for {} s", SILENCE.as_secs());
         }
     }

@@ -1,24 +1,24 @@
 //! `coxswain watch` on a terminal: telemetry and keys → pictures.
 //!
-//! | module      | what it holds                                                 |
-//! |-------------|---------------------------------------------------------------|
-//! | [`picture`] | what was received → what is shown                             |
-//! | [`trail`]   | a bounded history                                             |
-//! | [`view`]    | keys → which picture, which part of the map; the list of keys |
-//! | [`look`]    | colours, or none                                              |
-//! | [`panel`]   | the picture → cells, one module per panel                     |
-//! | [`screen`]  | takes the terminal and restores it                            |
-//! | `ear`       | the receive thread                                            |
-//! | `driving`   | keys → the robot, while the view drives it                    |
+//! | module           | what it holds                                                 |
+//! |------------------|---------------------------------------------------------------|
+//! | [`picture`]      | what was received → what is shown                             |
+//! | [`trail`]        | a bounded history                                             |
+//! | [`view`]         | keys → which picture, which part of the map; the list of keys |
+//! | [`look`]         | colours, or none                                              |
+//! | [`panel`]        | the picture → cells, one module per panel                     |
+//! | [`screen`]       | takes the terminal and restores it                            |
+//! | `receive_thread` | the thread that receives telemetry                            |
+//! | `driving`        | keys → the robot, while the view drives it                    |
 //!
 //! Keys also have their own thread, because the library that reads them never returns once the
 //! terminal is closed.
 
 mod driving;
-mod ear;
 pub mod look;
 pub mod panel;
 pub mod picture;
+mod receive_thread;
 pub mod screen;
 #[cfg(test)]
 mod specimen;
@@ -27,12 +27,12 @@ pub mod view;
 
 use crate::{WatchError, WatchTarget};
 use driving::Driving;
-use ear::Ear;
 use look::Look;
-use network::telemetry::Word;
+use network::telemetry::Telemetry;
 use picture::Picture;
 use process::Stop;
 use ratatui::crossterm::event::{self, KeyEvent};
+use receive_thread::ReceiveThread;
 use rustix::io::Errno;
 use screen::Screen;
 use std::io;
@@ -52,7 +52,7 @@ const WAITING_MAX: usize = 256;
 /// An input of the loop.
 enum Event {
     /// A message of a robot or process.
-    Said(Word),
+    Telemetry(Telemetry),
     /// The endpoint that is watched from now on.
     At(String),
     /// A pressed key, or a new size of the terminal.
@@ -69,17 +69,17 @@ enum Event {
 /// terminal is restored in either case.
 pub fn run(target: WatchTarget, stop: &Stop, join: &Join<'_>) -> Result<(), WatchError> {
     let (watcher, endpoint) = target.open()?;
-    let (events, heard) = mpsc::sync_channel(WAITING_MAX);
+    let (events, received) = mpsc::sync_channel(WAITING_MAX);
     let mut screen = Screen::take().map_err(WatchError::Terminal)?;
     let keys = events.clone();
     thread::spawn(move || read_keys(&keys));
-    let ear = Ear::listen(target.clone(), watcher, events);
+    let thread = ReceiveThread::begin(target.clone(), watcher, events);
     let mut shown =
         Shown { view: View::new(Picture::new(&endpoint)), driving: Driving::new(join), target };
-    let watched = shown.watch(&mut screen, &heard, stop);
+    let watched = shown.watch(&mut screen, &received, stop);
     shown.driving.end();
-    drop((screen, heard));
-    ear.end();
+    drop((screen, received));
+    thread.end();
     match watched {
         // The terminal is closed, so there is nothing to report to.
         Err(error) if has_gone(&error) => Ok(()),
@@ -98,7 +98,7 @@ impl Shown<'_> {
     fn watch(
         &mut self,
         screen: &mut Screen,
-        heard: &Receiver<Event>,
+        received: &Receiver<Event>,
         stop: &Stop,
     ) -> io::Result<()> {
         let look = Look::of_environment();
@@ -114,8 +114,10 @@ impl Shown<'_> {
             }
             let wait = next.saturating_duration_since(Instant::now());
             let wait = if self.driving.is_on() { wait.min(STEP) } else { wait };
-            match heard.recv_timeout(wait) {
-                Ok(Event::Said(word)) => self.view.live().hear(word, Instant::now()),
+            match received.recv_timeout(wait) {
+                Ok(Event::Telemetry(telemetry)) => {
+                    self.view.live().receive(telemetry, Instant::now());
+                }
                 Ok(Event::At(endpoint)) => self.view.live().endpoint = endpoint,
                 Ok(Event::Terminal(event)) => {
                     let press = |key| self.press(key, Instant::now());

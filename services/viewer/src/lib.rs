@@ -7,7 +7,7 @@ mod presence;
 
 use access::{Credentials, Role};
 use clap::Args;
-use network::telemetry::{Heard, TelemetryError, Watcher, Word};
+use network::telemetry::{Telemetry, TelemetryError, TelemetryMessage, Watcher};
 use presence::Presence;
 use process::Stop;
 use protocol::message::{Exposure, Plan, PlantState, Reason};
@@ -172,12 +172,12 @@ fn print(
     let mut presence = Presence::expected(Instant::now());
     while !stop.requested() {
         // A failed session is opened again below.
-        if let Ok(Some(word)) = watcher.next(PATIENCE) {
-            let is_state = matches!(word.said, Heard::State(_));
-            if is_state && presence.heard(Instant::now(), word.period_nanos) {
-                terminal.say(format_args!("the robot {} at {endpoint} is back", word.robot));
+        if let Ok(Some(telemetry)) = watcher.next(PATIENCE) {
+            let is_state = matches!(telemetry.message, TelemetryMessage::State(_));
+            if is_state && presence.receive(Instant::now(), telemetry.period_nanos) {
+                terminal.say(format_args!("the robot {} at {endpoint} is back", telemetry.robot));
             }
-            if let Some(line) = lines.take_in(word) {
+            if let Some(line) = lines.complete_line(telemetry) {
                 match writeln!(out, "{line}").and_then(|()| out.flush()) {
                     Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
                     printed => printed?,
@@ -225,22 +225,22 @@ struct Lines {
 
 impl Lines {
     /// The line that is complete now, if there is one.
-    fn take_in(&mut self, word: Word) -> Option<String> {
-        let line = self.line_of(word)?;
+    fn complete_line(&mut self, telemetry: Telemetry) -> Option<String> {
+        let line = self.line_of(telemetry)?;
         Some(match self.run.exposure() {
             Exposure::Closed => line,
             exposure => format!("{line}  INSECURE: {exposure}"),
         })
     }
 
-    fn line_of(&mut self, word: Word) -> Option<String> {
-        match word.said {
-            Heard::State(state) => {
-                let seconds = state.stamp.tick as f64 * word.period_nanos as f64 * 1e-9;
+    fn line_of(&mut self, telemetry: Telemetry) -> Option<String> {
+        match telemetry.message {
+            TelemetryMessage::State(state) => {
+                let seconds = state.stamp.tick as f64 * telemetry.period_nanos as f64 * 1e-9;
                 let before = self.waiting.replace((*state, seconds));
                 before.map(|(state, seconds)| line(&state, seconds, None))
             }
-            Heard::Plan(plan) => {
+            TelemetryMessage::Plan(plan) => {
                 let answered = |(state, _): &mut (PlantState, f64)| {
                     state.stamp.epoch == plan.plant_epoch && state.stamp.tick == plan.stamp.tick
                 };
@@ -248,11 +248,11 @@ impl Lines {
                     .take_if(answered)
                     .map(|(state, seconds)| line(&state, seconds, Some(&plan)))
             }
-            Heard::Health(health) => {
-                self.run.hear_health(&health, Instant::now());
+            TelemetryMessage::Health(health) => {
+                self.run.receive_health(&health, Instant::now());
                 None
             }
-            Heard::Goal(_) | Heard::Obstacles(_) => None,
+            TelemetryMessage::Goal(_) | TelemetryMessage::Obstacles(_) => None,
         }
     }
 }
@@ -297,8 +297,8 @@ mod tests {
         options: WatchOptions,
     }
 
-    fn word(said: Heard) -> Word {
-        Word { robot: "r".into(), period_nanos: 100_000_000, said }
+    fn telemetry(message: TelemetryMessage) -> Telemetry {
+        Telemetry { robot: "r".into(), period_nanos: 100_000_000, message }
     }
 
     fn state(tick: u64) -> PlantState {
@@ -307,26 +307,32 @@ mod tests {
         state
     }
 
-    fn plan(tick: u64) -> Heard {
+    fn plan(tick: u64) -> TelemetryMessage {
         let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
         (plan.stamp.tick, plan.plant_epoch, plan.tick_nanos, plan.model_version) =
             (tick, 1, 412_300, 7);
-        Heard::Plan(plan)
+        TelemetryMessage::Plan(plan)
     }
 
     #[test]
     fn a_line_waits_for_its_plan_but_not_beyond_the_next_state() {
         let mut lines = Lines::default();
-        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(12))))), None);
-        assert_eq!(lines.take_in(word(plan(11))), None, "the answer to another state");
+        assert_eq!(
+            lines.complete_line(telemetry(TelemetryMessage::State(Box::new(state(12))))),
+            None
+        );
+        assert_eq!(lines.complete_line(telemetry(plan(11))), None, "the answer to another state");
         let answered = "tick     12      1.20 s  x    0.000  y    0.000  yaw   0.000  \
          error  0.000 m  fresh plan    model    7  tick time    412 us";
-        assert_eq!(lines.take_in(word(plan(12))).as_deref(), Some(answered));
-        assert_eq!(lines.take_in(word(Heard::State(Box::new(state(13))))), None);
+        assert_eq!(lines.complete_line(telemetry(plan(12))).as_deref(), Some(answered));
+        assert_eq!(
+            lines.complete_line(telemetry(TelemetryMessage::State(Box::new(state(13))))),
+            None
+        );
         let unanswered = "tick     13      1.30 s  x    0.000  y    0.000  yaw   0.000  \
          error      -    fresh plan    model    -  tick time      -";
         assert_eq!(
-            lines.take_in(word(Heard::State(Box::new(state(14))))).as_deref(),
+            lines.complete_line(telemetry(TelemetryMessage::State(Box::new(state(14))))).as_deref(),
             Some(unanswered)
         );
     }
@@ -337,12 +343,12 @@ mod tests {
         let health = |who: Participant, exposure: Exposure| {
             let mut health: Box<protocol::message::Health> = Box::new(bytemuck::Zeroable::zeroed());
             (health.participant, health.exposure) = (who.code(), exposure.code());
-            Heard::Health(health)
+            TelemetryMessage::Health(health)
         };
-        let mut end = |said: Heard| {
-            lines.take_in(word(said));
-            lines.take_in(word(Heard::State(Box::new(state(12)))));
-            lines.take_in(word(plan(12))).unwrap_or_default()
+        let mut end = |message: TelemetryMessage| {
+            lines.complete_line(telemetry(message));
+            lines.complete_line(telemetry(TelemetryMessage::State(Box::new(state(12)))));
+            lines.complete_line(telemetry(plan(12))).unwrap_or_default()
         };
         assert!(end(health(Participant::Plant, Exposure::Closed)).ends_with(" us"));
         assert!(

@@ -27,7 +27,7 @@ impl Presence {
     }
 
     /// A state has come, of a robot with this period \[ns\]. Returns whether the robot was lost.
-    pub(crate) fn heard(&mut self, now: Instant, period_nanos: u64) -> bool {
+    pub(crate) fn receive(&mut self, now: Instant, period_nanos: u64) -> bool {
         self.last = Some(now);
         self.silence = SILENCE.max(Duration::from_nanos(period_nanos).saturating_mul(3));
         std::mem::take(&mut self.lost)
@@ -63,8 +63,8 @@ mod tests {
         let mut presence = Presence::expected(begin);
         assert!(!presence.falls_silent(after(1)));
         assert!(presence.falls_silent(after(2)) && !presence.falls_silent(after(3)));
-        assert!(presence.heard(after(4), PERIOD_NANOS));
-        assert!(!presence.heard(after(5), PERIOD_NANOS));
+        assert!(presence.receive(after(4), PERIOD_NANOS));
+        assert!(!presence.receive(after(5), PERIOD_NANOS));
         assert!(presence.falls_silent(after(7)) && presence.is_lost());
     }
 

@@ -24,8 +24,16 @@ pub(super) struct Echo {
 }
 
 enum Way {
-    Iceoryx2 { end: Box<End>, prefix: String },
-    Zenoh { session: Session, heard: Receiver<()>, bytes: usize, _ears: ZenohSubscriber<()> },
+    Iceoryx2 {
+        end: Box<End>,
+        prefix: String,
+    },
+    Zenoh {
+        session: Session,
+        received: Receiver<()>,
+        bytes: usize,
+        _subscriber: ZenohSubscriber<()>,
+    },
 }
 
 impl Echo {
@@ -47,14 +55,15 @@ impl Echo {
         let endpoint = format!("tls/127.0.0.1:{port}");
         let credentials = folder.join("robot-host");
         let session = peer("listen", &endpoint, &credentials)?;
-        let (note, heard) = mpsc::channel();
-        let ears = session
+        let (note, received) = mpsc::channel();
+        let subscriber = session
             .declare_subscriber("bare/back")
             .callback(move |_| note.send(()).unwrap_or_default())
             .wait()?;
         let credentials = folder.join("control-host");
         let child = start(&["zenoh", &endpoint, &credentials.to_string_lossy()])?;
-        Self { child, way: Way::Zenoh { session, heard, bytes, _ears: ears } }.begin()
+        Self { child, way: Way::Zenoh { session, received, bytes, _subscriber: subscriber } }
+            .begin()
     }
 
     /// Until both ends know each other, messages are lost.
@@ -77,11 +86,11 @@ impl Echo {
         match &self.way {
             Way::Iceoryx2 { end, .. } => {
                 end.say(1)?;
-                Ok(end.hear(patience)?.is_some())
+                Ok(end.receive(patience)?.is_some())
             }
-            Way::Zenoh { session, heard, bytes, .. } => {
+            Way::Zenoh { session, received, bytes, .. } => {
                 session.put("bare/there", vec![1_u8; *bytes]).express(true).wait()?;
-                Ok(heard.recv_timeout(patience).is_ok())
+                Ok(received.recv_timeout(patience).is_ok())
             }
         }
     }
@@ -133,7 +142,7 @@ pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
             let ended =
                 std::thread::spawn(|| std::io::copy(&mut std::io::stdin(), &mut std::io::sink()));
             while !ended.is_finished() {
-                if let Some(number) = end.hear(Duration::from_millis(200))? {
+                if let Some(number) = end.receive(Duration::from_millis(200))? {
                     end.say(number)?;
                 }
             }
@@ -145,7 +154,7 @@ pub(super) fn answer(arguments: &[String]) -> Result<(), Failure> {
             let back = move |sample: zenoh::sample::Sample| {
                 drop(echo.put("bare/back", sample.payload().clone()).express(true).wait());
             };
-            let _ears = session.declare_subscriber("bare/there").callback(back).wait()?;
+            let _subscriber = session.declare_subscriber("bare/there").callback(back).wait()?;
             std::io::copy(&mut std::io::stdin(), &mut std::io::sink())?;
             Ok(())
         }

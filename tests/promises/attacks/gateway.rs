@@ -34,7 +34,7 @@ enum Deed {
     /// Delete a published value.
     Delete,
     /// Subscribe.
-    Hear,
+    Receive,
     /// Query.
     Ask,
     /// Declare a queryable.
@@ -53,7 +53,7 @@ impl Deed {
     const ALL: [Self; 9] = [
         Self::Put,
         Self::Delete,
-        Self::Hear,
+        Self::Receive,
         Self::Ask,
         Self::BeAsked,
         Self::Answer,
@@ -89,8 +89,8 @@ impl Book {
 #[derive(Clone)]
 struct Try {
     name: String,
-    says: Session,
-    hears: Session,
+    sends: Session,
+    receives: Session,
 }
 
 /// The peers that get a session, among all roles and unauthenticated peers; `open` connects each of
@@ -106,8 +106,8 @@ fn tries(
     peers.extend(strangers.into_iter().map(|(name, shows)| (name.to_owned(), shows)));
     let mut tries = Vec::new();
     for (name, shows) in peers {
-        if let Ok(says) = open(&shows) {
-            tries.push(Try { name, says, hears: open(&shows)? });
+        if let Ok(sends) = open(&shows) {
+            tries.push(Try { name, sends, receives: open(&shows)? });
         }
     }
     Ok(tries)
@@ -124,8 +124,8 @@ fn keys() -> Vec<String> {
 }
 
 /// The peer named in an attachment or an answer.
-fn named(said: Option<&zenoh::bytes::ZBytes>) -> Option<String> {
-    said.and_then(|said| Some(said.try_to_string().ok()?.into_owned()))
+fn named(attachment: Option<&zenoh::bytes::ZBytes>) -> Option<String> {
+    attachment.and_then(|attachment| Some(attachment.try_to_string().ok()?.into_owned()))
 }
 
 /// Declarations of an authorised peer or of an attacker. They end when they are dropped.
@@ -134,11 +134,11 @@ type Declared = Vec<Box<dyn std::any::Any>>;
 /// An authorised session that receives whatever passes, and answers and queries on `key`.
 fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Declared, Failure> {
     let names: Vec<String> = tries.iter().map(|one| one.name.clone()).collect();
-    let (heard, asked, seen) = (book.clone(), book.clone(), book.clone());
-    let hear = move |sample: Sample| {
+    let (received, asked, seen) = (book.clone(), book.clone(), book.clone());
+    let receive = move |sample: Sample| {
         let deed = if sample.kind() == SampleKind::Put { Deed::Put } else { Deed::Delete };
         if let Some(name) = named(sample.attachment()) {
-            heard.write(&name, deed, sample.key_expr().as_str());
+            received.write(&name, deed, sample.key_expr().as_str());
         }
     };
     let answer = move |query: Query| {
@@ -159,7 +159,7 @@ fn witness(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<Decla
         }
     };
     Ok(vec![
-        Box::new(own.declare_subscriber(key).callback(hear).wait().map_err(failed)?),
+        Box::new(own.declare_subscriber(key).callback(receive).wait().map_err(failed)?),
         Box::new(own.declare_queryable(key).callback(answer).wait().map_err(failed)?),
         Box::new(own.liveliness().declare_token(format!("{key}/honest")).wait().map_err(failed)?),
         Box::new(
@@ -179,7 +179,7 @@ fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, F
         let (book, name, key) = (book.clone(), one.name.clone(), key.to_owned());
         move || book.write(&name, deed, &key)
     };
-    let (hear, be_asked, watch) = (note(Deed::Hear), note(Deed::BeAsked), note(Deed::Watch));
+    let (receive, be_asked, watch) = (note(Deed::Receive), note(Deed::BeAsked), note(Deed::Watch));
     let (answer, name) = (key.to_owned(), one.name.clone());
     let asked = move |query: Query| {
         // Queries of other attackers name their sender.
@@ -191,18 +191,22 @@ fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, F
     let honest = format!("{key}/honest");
     Ok(vec![
         Box::new(
-            one.hears.declare_subscriber(key).callback(move |_| hear()).wait().map_err(failed)?,
+            one.receives
+                .declare_subscriber(key)
+                .callback(move |_| receive())
+                .wait()
+                .map_err(failed)?,
         ),
-        Box::new(one.hears.declare_queryable(key).callback(asked).wait().map_err(failed)?),
+        Box::new(one.receives.declare_queryable(key).callback(asked).wait().map_err(failed)?),
         Box::new(
-            one.says
+            one.sends
                 .liveliness()
                 .declare_token(format!("{key}/{number}"))
                 .wait()
                 .map_err(failed)?,
         ),
         Box::new(
-            one.hears
+            one.receives
                 .liveliness()
                 .declare_subscriber(honest)
                 .history(true)
@@ -215,10 +219,10 @@ fn trial(number: usize, one: &Try, key: &str, book: &Book) -> Result<Declared, F
 
 /// Publications and queries of every peer on `key`, once.
 fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Failure> {
-    for Try { name, says, hears } in tries {
-        says.put(key, "forged").attachment(name).wait().map_err(failed)?;
-        says.delete(key).attachment(name).wait().map_err(failed)?;
-        let question = says
+    for Try { name, sends, receives } in tries {
+        sends.put(key, "forged").attachment(name).wait().map_err(failed)?;
+        sends.delete(key).attachment(name).wait().map_err(failed)?;
+        let question = sends
             .get(format!("{key}?{}", name.replace(' ', "_")))
             .target(QueryTarget::All)
             .timeout(GRACE);
@@ -229,7 +233,7 @@ fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Fai
                 book.write(&name, Deed::Look, &known);
             }
         };
-        hears
+        receives
             .liveliness()
             .get(format!("{key}/honest"))
             .timeout(GRACE)
@@ -238,14 +242,14 @@ fn round(own: &Session, key: &str, tries: &[Try], book: &Book) -> Result<(), Fai
             .map_err(failed)?;
     }
     let (book, known) = (book.clone(), key.to_owned());
-    let hear = move |reply: Reply| {
+    let receive = move |reply: Reply| {
         if let Some(name) = reply.result().ok().and_then(|sample| named(Some(sample.payload()))) {
             book.write(&name, Deed::Answer, &known);
         }
     };
     let question =
         own.get(key).target(QueryTarget::All).consolidation(ConsolidationMode::None).timeout(GRACE);
-    question.callback(hear).wait().map_err(failed)
+    question.callback(receive).wait().map_err(failed)
 }
 
 /// The operations of all peers that took effect, at `own` and at the peers themselves, while the
@@ -282,8 +286,8 @@ fn tried(
     Ok(book.read())
 }
 
-fn watchers_hear(keys: impl IntoIterator<Item = String>) -> BTreeSet<Cell> {
-    keys.into_iter().map(|key| (Role::Watcher.to_string(), Deed::Hear, key)).collect()
+fn watchers_receive(keys: impl IntoIterator<Item = String>) -> BTreeSet<Cell> {
+    keys.into_iter().map(|key| (Role::Watcher.to_string(), Deed::Receive, key)).collect()
 }
 
 /// Publishes a value on every key.
@@ -315,7 +319,8 @@ fn at_the_gateway_watchers_receive_and_no_peer_publishes() -> Outcome {
     let (mut publisher, endpoint) = gateway(&certificates)?;
     let tries = tries(&certificates, &|shows| connect(&endpoint, shows))?;
     let watcher = connect(&endpoint, &Shows::Certificate(certificates.of(&Role::Watcher)))?;
-    let expected = watchers_hear(["", "/json"].map(|kind| format!("coxswain/{ROBOT}/state{kind}")));
+    let expected =
+        watchers_receive(["", "/json"].map(|kind| format!("coxswain/{ROBOT}/state{kind}")));
     let arrived = tried(&watcher, &mut || Ok(publisher.publish(&state())?), &tries, &expected)?;
     let cells = tries.len() * keys().len() * Deed::ALL.len();
     print(format_args!(
@@ -336,7 +341,7 @@ fn only_subscriptions_of_watchers_reach_the_gateway() -> Outcome {
     let control = [("access_control", of_telemetry(ROBOT))];
     let (own, endpoint) = router(&Shows::Certificate(certificates.of(&host("robot"))), &control)?;
     let tries = tries(&certificates, &|shows| connect(&endpoint, shows))?;
-    let expected = watchers_hear(keys());
+    let expected = watchers_receive(keys());
     let arrived = tried(&own, &mut || on_all_keys(&own), &tries, &expected)?;
     let cells = tries.len() * keys().len() * Deed::ALL.len();
     print(format_args!(

@@ -291,7 +291,7 @@ fn a_list_of_obstacles_acts_only_if_it_comes_from_a_planner_and_is_correct() -> 
     thread::sleep(Duration::from_secs(1));
     let record = reached.end()?;
     assert!(record.of("obstacles").all(|list| list.word("source") == "planner"));
-    let x = |list: &Message| list.says["obstacles"][0][3].as_f64();
+    let x = |list: &Message| list.fields["obstacles"][0][3].as_f64();
     let places: Vec<f64> = record.of("obstacles").filter_map(x).collect();
     assert_eq!(places.last(), Some(&249.0), "the newest one wins: {places:?}");
     assert!(!places.contains(&40.0) && places.is_sorted(), "{places:?}");

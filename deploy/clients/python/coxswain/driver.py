@@ -222,7 +222,7 @@ class Driver:
             message: Command | Credit = Wire.decode(kind, payload)
         except Refused:
             if kind is Command:
-                self.gate.hear(None, now)
+                self.gate.receive(None, now)
             return None
         source = (message.stamp.writer, message.stamp.epoch)
         if message.stamp.sequence <= self.last_sequence.get(source, 0):
@@ -232,7 +232,7 @@ class Driver:
             self.through_tick = message.through_tick
             return None
         self.received += 1
-        self.gate.hear(message, now)
+        self.gate.receive(message, now)
         return message
 
     def _stamp(self, topic: str) -> Stamp:

@@ -176,7 +176,7 @@ class Gate:
         self.state, self.stop_reason = ARMED, NONE
         return True
 
-    def hear(self, command: Command | None, now: float) -> int:
+    def receive(self, command: Command | None, now: float) -> int:
         """Stores a command if it is valid. Returns the reason of a rejection, or NONE.
 
         `command` is None for bytes that do not decode.

@@ -35,14 +35,14 @@ class Duties(unittest.TestCase):
         """One period in ten steps: the acting command at its end, fallback level and reason."""
         self.gate.begin(tick, tick * T)
         if answer:
-            self.gate.hear(answer, tick * T)
+            self.gate.receive(answer, tick * T)
         for step in range(10):
             acting = self.gate.play(tick * T + step * T / 10, T / 10)
         self.gate.end()
         return acting, *self.gate.past
 
     def reason(self, answer: Command | None, now: float = 0.0) -> int:
-        return self.gate.hear(answer, now)
+        return self.gate.receive(answer, now)
 
     def test_1_the_wheels_stand_before_the_first_command(self) -> None:
         self.assertEqual(self.period(0, None), ((0.0, 0.0, 0.0), gate.WAITING, gate.NO_COMMAND_YET))
@@ -217,7 +217,7 @@ class Duties(unittest.TestCase):
                 if "pose" in event:
                     tried.see_pose(tuple(event["pose"]), tuple(event["velocity"]), at)
             elif "command" in event:
-                reason = tried.hear(self.command_of(event["command"]), at)
+                reason = tried.receive(self.command_of(event["command"]), at)
                 self.assertEqual(reason, event["verdict"], event)
             elif "obstacles" in event:
                 found = [

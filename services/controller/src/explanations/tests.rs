@@ -122,9 +122,9 @@ fn a_robot_with_another_response_is_predicted_by_its_response() {
 
 /// A learned model with a constant residual.
 #[derive(Debug)]
-struct Says(f64);
+struct Constant(f64);
 
-impl Residual for Says {
+impl Residual for Constant {
     fn mean(&self, _: &Moment) -> Velocity {
         [self.0; AXES]
     }
@@ -134,7 +134,7 @@ impl Residual for Says {
     }
 }
 
-impl Uncertain for Says {
+impl Uncertain for Constant {
     fn variance(&self, _: &Moment, _: &mut VarianceScratch) -> Velocity {
         [self.0; AXES]
     }
@@ -144,23 +144,23 @@ impl Uncertain for Says {
     }
 }
 
-fn candidate(version: u64, says: f64) -> Candidate {
+fn candidate(version: u64, value: f64) -> Candidate {
     Candidate {
         version,
         plant_epoch: 1,
         effective_tick: 0,
-        learned: Box::new(Says(says)),
+        learned: Box::new(Constant(value)),
         scratch: VarianceScratch::new(0),
     }
 }
 
 /// Versions in use and versions returned, while models with these residuals arrive every 10 s.
 /// The true residual is 0.1.
-fn versions(says: &[f64]) -> Vec<(u64, Option<u64>)> {
+fn versions(value: &[f64]) -> Vec<(u64, Option<u64>)> {
     let mut explanations = explanations(Choice { observer_gain: 0.0, ..WITH_OBSERVERS });
     let response = explanations.response;
-    let mut adopt = |(version, &says): (usize, &f64)| {
-        let back = explanations.adopt(Box::new(candidate(1 + version as u64, says)));
+    let mut adopt = |(version, &value): (usize, &f64)| {
+        let back = explanations.adopt(Box::new(candidate(1 + version as u64, value)));
         for _ in 0..500 {
             let residual = [0.1; AXES];
             explanations.update(&Moment::default(), &residual, &[0.0; AXES], response, 0);
@@ -169,15 +169,15 @@ fn versions(says: &[f64]) -> Vec<(u64, Option<u64>)> {
         assert_eq!(explanations.variance(&at), explanations.mean(&at));
         (explanations.version(), back.map(|back| back.version))
     };
-    says.iter().enumerate().map(&mut adopt).collect()
+    value.iter().enumerate().map(&mut adopt).collect()
 }
 
 #[test]
 fn a_model_that_was_in_use_for_a_moment_is_not_the_last_good_one() {
     let mut explanations = explanations(Choice { observer_gain: 0.0, ..WITH_OBSERVERS });
     let response = explanations.response;
-    let mut drive = |version, says, periods| {
-        let back = explanations.adopt(Box::new(candidate(version, says)));
+    let mut drive = |version, value, periods| {
+        let back = explanations.adopt(Box::new(candidate(version, value)));
         for _ in 0..periods {
             let residual = [0.1; AXES];
             explanations.update(&Moment::default(), &residual, &[0.0; AXES], response, 0);

@@ -9,7 +9,7 @@ use transport::Exchange;
 /// Far longer than an answer takes.
 const GIVES_UP_AFTER: Duration = Duration::from_mins(1);
 
-fn heard(commands: &mut Source<Command>) -> Result<Command, Box<dyn Error>> {
+fn received(commands: &mut Source<Command>) -> Result<Command, Box<dyn Error>> {
     let begin = Instant::now();
     while begin.elapsed() < GIVES_UP_AFTER {
         commands.wait(PATIENCE)?;
@@ -57,22 +57,22 @@ fn in_lock_step_a_repeated_state_gets_the_same_bytes_as_its_lost_answer()
             let mut state = PlantState::zeroed();
             state.gate = GateState::Driving.code();
             states.send(&mut state)?;
-            let answer = heard(&mut first)?;
+            let answer = received(&mut first)?;
             // A receiver that was not connected has lost it.
             let mut second = ports.source::<Command>(Since::First)?;
             while !second.wait(PATIENCE)? {
                 states.send_stamped(&state)?;
             }
-            assert_eq!(heard(&mut second)?, answer);
+            assert_eq!(received(&mut second)?, answer);
             assert_eq!(
                 (first.next()?, first.tally().lost),
                 (None, 0),
-                "who has heard it does not notice"
+                "who has received it does not notice"
             );
             state.stamp.tick = 1;
             states.send(&mut state)?;
             assert_eq!(
-                (heard(&mut second)?.stamp.tick, heard(&mut first)?.stamp.tick),
+                (received(&mut second)?.stamp.tick, received(&mut first)?.stamp.tick),
                 (1, 1),
                 "the clock goes on"
             );

@@ -48,14 +48,14 @@ pub(super) fn judge(record: &Record, violations: &mut Vec<Violation>) {
             sent += sent_by(last_words.get(writer).copied(), topic, epochs);
             stored += epochs.values().map(|sequences| sequences.len() as u64).sum::<u64>();
         }
-        let lost = recorder.says["lost"][topic].as_u64().unwrap_or(0);
+        let lost = recorder.fields["lost"][topic].as_u64().unwrap_or(0);
         // Messages that a killed writer sent while the disk was full are counted as lost, but no
         // other source can confirm them.
-        let unheard_of = full_disk
+        let may_be_lost = full_disk
             && writers
                 .keys()
                 .any(|writer| last_words.get(writer).is_none_or(|health| was_killed(health)));
-        if sent != stored + lost && !(unheard_of && sent < stored + lost) {
+        if sent != stored + lost && !(may_be_lost && sent < stored + lost) {
             let found = format!("{topic}: {sent} sent, {stored} stored and {lost} counted as lost");
             let tick = recorder.stamp("tick");
             violations.push(Violation {
@@ -91,7 +91,7 @@ fn sent_by(last_words: Option<&Message>, topic: &str, epochs: &Stored) -> u64 {
                 .range(..health.stamp("epoch"))
                 .map(|(epoch, sequences)| (*epoch, sequences.clone()))
                 .collect();
-            seen(&earlier) + health.says["sent"][topic].as_u64().unwrap_or(0)
+            seen(&earlier) + health.fields["sent"][topic].as_u64().unwrap_or(0)
         }
         _ => seen(epochs),
     }

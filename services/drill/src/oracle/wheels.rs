@@ -85,7 +85,7 @@ fn judge_values(truth: &Message, limits: &Limits, violate: &mut impl FnMut(Rule,
         if wheels.len() != limits.wheels.count() {
             violate(
                 Rule::Finite,
-                format!("{field} {}", truth.says[field]),
+                format!("{field} {}", truth.fields[field]),
                 format!("{} finite numbers", limits.wheels.count()),
             );
         }

@@ -233,7 +233,7 @@ impl<'a> Home<'a> {
     }
 
     /// What a launch printed.
-    pub(crate) fn said(&self, name: &str) -> String {
+    pub(crate) fn output(&self, name: &str) -> String {
         fs::read_to_string(self.folder.path().join(format!("{name}.txt"))).unwrap_or_default()
     }
 

@@ -147,8 +147,8 @@ impl Feed {
     }
 
     /// Receives a measured state.
-    pub(crate) fn hear_state(&mut self, state: &PlantState) {
-        if self.run.hear_state(state) {
+    pub(crate) fn receive_state(&mut self, state: &PlantState) {
+        if self.run.receive_state(state) {
             self.states.clear();
             self.plans.clear();
             self.comparison.start_again();
@@ -164,21 +164,21 @@ impl Feed {
     }
 
     /// Receives a plan.
-    pub(crate) fn hear_plan(&mut self, plan: &Plan) {
+    pub(crate) fn receive_plan(&mut self, plan: &Plan) {
         // The answer to another epoch of the plant does not belong to this run.
         if self.run.state.as_ref().is_none_or(|state| state.stamp.epoch != plan.plant_epoch) {
             return;
         }
         let seconds = self.seconds(plan.stamp.tick);
         let row = PlanRow::new(plan, seconds);
-        self.comparison.take_in(plan.stamp.tick, row.error);
+        self.comparison.add(plan.stamp.tick, row.error);
         self.plans.push(row);
         self.news.plans.push(row);
         self.news.horizon = Some(Horizon::new(plan, seconds, self.period_s));
     }
 
     /// Receives a learned model.
-    pub(crate) fn hear_snapshot(&mut self, snapshot: &ModelSnapshot) {
+    pub(crate) fn receive_snapshot(&mut self, snapshot: &ModelSnapshot) {
         let head = &snapshot.head;
         let rounded = |score: [f64; 3]| score.map(round);
         self.news.model = true;
@@ -192,24 +192,24 @@ impl Feed {
     }
 
     /// Receives the present goal, or the end of one.
-    pub(crate) fn hear_goal(&mut self, goal: &Goal) {
-        self.run.hear_goal(goal);
+    pub(crate) fn receive_goal(&mut self, goal: &Goal) {
+        self.run.receive_goal(goal);
         self.news.goal = true;
     }
 
     /// Receives a list of obstacles.
-    pub(crate) fn hear_obstacles(&mut self, list: &Obstacles, now: Instant) {
-        self.run.hear_obstacles(list, now);
+    pub(crate) fn receive_obstacles(&mut self, list: &Obstacles, now: Instant) {
+        self.run.receive_obstacles(list, now);
         self.news.obstacles = true;
     }
 
     /// Receives the health of a process.
-    pub(crate) fn hear_health(&mut self, health: &Health, now: Instant) {
-        self.run.hear_health(health, now);
+    pub(crate) fn receive_health(&mut self, health: &Health, now: Instant) {
+        self.run.receive_health(health, now);
     }
 
     /// Receives a change of the settings, or its refusal.
-    pub(crate) fn hear_change(&mut self, settled: &Settled) {
+    pub(crate) fn receive_change(&mut self, settled: &Settled) {
         if let Some(who) = Participant::of_word(&settled.process) {
             self.run.note(who, What::Change(settled.to_string()));
         }
@@ -242,7 +242,7 @@ impl Feed {
             plans: &self.plans,
             standing: self.stands(now, true, 0),
         };
-        said("hello", &greeting)
+        event_of("hello", &greeting)
     }
 
     /// The news, if there are any; clears them.
@@ -268,7 +268,7 @@ impl Feed {
         standing.model = standing.model.filter(|_| news.model);
         standing.goal = standing.goal.filter(|_| news.goal);
         standing.obstacles = standing.obstacles.filter(|_| news.obstacles);
-        Some(said("news", &News { states: &news.states, plans: &news.plans, standing }))
+        Some(event_of("news", &News { states: &news.states, plans: &news.plans, standing }))
     }
 
     /// Clears the news: no page is open.
@@ -310,7 +310,8 @@ fn process_row(who: Participant, process: &Process, now: Instant) -> ProcessRow<
         pid: health.pid,
         starts: process.starts,
         silent: process.is_silent(now),
-        silence: (now.saturating_duration_since(process.heard).as_secs_f64() * 10.0).round() / 10.0,
+        silence: (now.saturating_duration_since(process.received).as_secs_f64() * 10.0).round()
+            / 10.0,
         lost: Counter::Lost.of(health),
         refused: Counter::Malformed.of(health),
         missed: health.deadlines_missed,
@@ -320,6 +321,6 @@ fn process_row(who: Participant, process: &Process, now: Instant) -> ProcessRow<
 }
 
 /// Encodes an event. Serialisation cannot fail: numbers that are not finite become null.
-fn said(name: &str, what: &impl Serialize) -> Arc<str> {
+fn event_of(name: &str, what: &impl Serialize) -> Arc<str> {
     event(name, &serde_json::to_string(what).unwrap_or_else(|_| "{}".to_owned())).into()
 }

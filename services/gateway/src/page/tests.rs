@@ -112,12 +112,12 @@ fn length(value: &Value) -> usize {
 fn a_goal_is_shown_to_late_viewers_and_each_change_of_its_phase_is_an_entry() -> Outcome {
     let folder = tempfile::tempdir()?;
     let mut page = Page::open(&settings(folder.path(), None), None)?.ok_or("no page")?;
-    page.feed().hear_state(&state(0, 1, FallbackLevel::FreshPlan));
+    page.feed().receive_state(&state(0, 1, FallbackLevel::FreshPlan));
     let mut goal =
         Goal { id: 3, target: [2.0, 1.0, 0.5], left_m: 1.5, progress: 0.5, ..Goal::zeroed() };
     goal.kind = GoalKind::Pose.code();
-    page.feed().hear_goal(&goal);
-    page.feed().hear_goal(&goal);
+    page.feed().receive_goal(&goal);
+    page.feed().receive_goal(&goal);
     let mut tab = Tab::open(&page)?;
     page.turn(Instant::now());
     let (_, hello) = tab.event()?;
@@ -130,7 +130,7 @@ fn a_goal_is_shown_to_late_viewers_and_each_change_of_its_phase_is_an_entry() ->
     }
     assert_eq!(length(&hello["entries"]), 1);
     goal.phase = GoalPhase::Reached.code();
-    page.feed().hear_goal(&goal);
+    page.feed().receive_goal(&goal);
     page.turn(Instant::now() + Duration::from_secs(1));
     let (_, news) = tab.event()?;
     assert_eq!(news["goal"]["phase"], "reached");
@@ -150,8 +150,8 @@ fn a_late_viewer_receives_the_path_so_far_and_then_the_news() -> Outcome {
     let begin = Instant::now();
     let after = |tick: u64| begin + Duration::from_millis(100 * (tick + 1));
     for tick in 0..50 {
-        page.feed().hear_state(&state(tick, 1, FallbackLevel::FreshPlan));
-        page.feed().hear_plan(&plan(tick, 1, 1.0));
+        page.feed().receive_state(&state(tick, 1, FallbackLevel::FreshPlan));
+        page.feed().receive_plan(&plan(tick, 1, 1.0));
         page.turn(after(tick));
     }
     let mut tab = Tab::open(&page)?;
@@ -168,9 +168,9 @@ fn a_late_viewer_receives_the_path_so_far_and_then_the_news() -> Outcome {
     assert_eq!(hello["without"][2], serde_json::json!([0.2, 0.0, 1.0, 2.0]));
     assert_eq!(hello["compared"], serde_json::json!({"since": 0, "with": 1.0, "without": 2.0}));
     assert!(!hello.to_string().contains("without.csv"), "no path of this machine is told");
-    page.feed().hear_state(&state(51, 1, FallbackLevel::FreshPlan));
-    page.feed().hear_plan(&plan(51, 1, 0.5));
-    page.feed().hear_plan(&plan(9, 0, 9.0));
+    page.feed().receive_state(&state(51, 1, FallbackLevel::FreshPlan));
+    page.feed().receive_plan(&plan(51, 1, 0.5));
+    page.feed().receive_plan(&plan(9, 0, 9.0));
     page.turn(after(51));
     let (name, news) = tab.event()?;
     assert_eq!(
@@ -196,17 +196,17 @@ fn another_epoch_of_the_plant_begins_a_new_path_and_events_are_reported() -> Out
         pid: 1,
         ..Health::zeroed()
     };
-    page.feed().hear_health(&health, begin);
+    page.feed().receive_health(&health, begin);
     for tick in 0..10 {
-        page.feed().hear_state(&state(
+        page.feed().receive_state(&state(
             tick,
             1,
             if tick < 5 { FallbackLevel::FreshPlan } else { FallbackLevel::Brake },
         ));
     }
     health.pid = 2;
-    page.feed().hear_health(&health, begin);
-    page.feed().hear_state(&state(0, 2, FallbackLevel::Waiting));
+    page.feed().receive_health(&health, begin);
+    page.feed().receive_state(&state(0, 2, FallbackLevel::Waiting));
     let mut tab = Tab::open(&page)?;
     page.turn(begin + Duration::from_secs(2));
     let (_, hello) = tab.event()?;

@@ -66,12 +66,14 @@ impl Viewers {
     /// Sends `news` to all pages. A page that is new or has fallen behind receives the present
     /// state instead. Never waits.
     pub(super) fn tell(&self, news: Option<&Arc<str>>, mut greeting: impl FnMut() -> Arc<str>) {
-        let mut greeting_said: Option<Arc<str>> = None;
+        let mut greeting_event: Option<Arc<str>> = None;
         for viewer in &lock(&self.present).viewers {
             let mut queue = lock(&viewer.queue);
             if queue.unaware {
                 queue.unaware = false;
-                queue.events.push_back(Arc::clone(greeting_said.get_or_insert_with(&mut greeting)));
+                queue
+                    .events
+                    .push_back(Arc::clone(greeting_event.get_or_insert_with(&mut greeting)));
             } else if let Some(news) = news {
                 if queue.events.len() >= EVENTS_MAX {
                     // The missed events are contained in the next greeting.

@@ -168,7 +168,7 @@ fn the_jacobians_are_the_slopes_of_the_mean() {
     let response = found_turning(0.0, as_believed(), 0.0, 500, 1.0).response();
     assert!(response.turns);
     let at = Moment { velocity: [0.3, -0.2, 0.5], input: [0.1, 0.4, -0.6], ..Moment::default() };
-    let said = response.response(&at);
+    let slopes = response.response(&at);
     let slope = |change: &dyn Fn(&mut Moment, f64), row: usize| {
         let [up, down] = [1e-4, -1e-4].map(|by| {
             let mut moved = at;
@@ -181,8 +181,8 @@ fn the_jacobians_are_the_slopes_of_the_mean() {
         for column in 0..AXES {
             let by_velocity = slope(&|moved, by| moved.velocity[column] += by, row);
             let by_input = slope(&|moved, by| moved.input[column] += by, row);
-            assert!((said.by_velocity[row][column] - by_velocity).abs() < 1e-9);
-            assert!((said.by_input[row][column] - by_input).abs() < 1e-9);
+            assert!((slopes.by_velocity[row][column] - by_velocity).abs() < 1e-9);
+            assert!((slopes.by_input[row][column] - by_input).abs() < 1e-9);
         }
     }
 }

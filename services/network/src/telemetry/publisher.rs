@@ -9,12 +9,12 @@ use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-type Outlet = zenoh::pubsub::Publisher<'static>;
+type ZenohPublisher = zenoh::pubsub::Publisher<'static>;
 
 /// Publishes what a robot does to every connected watcher. Receives no data.
 pub struct Publisher {
     /// Two for each topic: bytes, JSON.
-    outlets: Vec<(Outlet, Outlet)>,
+    publishers: Vec<(ZenohPublisher, ZenohPublisher)>,
     endpoints: Vec<String>,
     period: [u8; size_of::<u64>()],
     bytes: Vec<u8>,
@@ -29,22 +29,22 @@ impl Publisher {
     pub fn open(settings: &TelemetrySettings, period_nanos: u64) -> Result<Self, TelemetryError> {
         settings.check()?;
         let (session, endpoints) = listen(settings)?;
-        let outlet = |key: String, encoding| {
+        let publisher = |key: String, encoding| {
             let declared = session.declare_publisher(key).encoding(encoding);
             let declared =
                 declared.congestion_control(CongestionControl::Drop).priority(Priority::DataLow);
             declared.wait().map_err(|error| TelemetryError::Session { reason: first_line(&error) })
         };
-        let outlets = |topic: Topic| {
+        let publishers = |topic: Topic| {
             let key = format!("coxswain/{}/{}", settings.robot, topic.name());
             Ok((
-                outlet(key.clone(), Encoding::APPLICATION_OCTET_STREAM)?,
-                outlet(key + "/json", Encoding::APPLICATION_JSON)?,
+                publisher(key.clone(), Encoding::APPLICATION_OCTET_STREAM)?,
+                publisher(key + "/json", Encoding::APPLICATION_JSON)?,
             ))
         };
-        let outlets = Topic::ALL.into_iter().map(outlets).collect::<Result<_, _>>()?;
+        let publishers = Topic::ALL.into_iter().map(publishers).collect::<Result<_, _>>()?;
         Ok(Self {
-            outlets,
+            publishers,
             endpoints,
             period: period_nanos.to_le_bytes(),
             bytes: Vec::new(),
@@ -64,7 +64,7 @@ impl Publisher {
     /// [`TelemetryError::Session`].
     pub fn publish<T: OnTopic>(&mut self, message: &T) -> Result<(), TelemetryError> {
         let failed = |error: zenoh::Error| TelemetryError::Session { reason: first_line(&error) };
-        let Some((binary, json)) = self.outlets.get(T::TOPIC.index()) else { return Ok(()) };
+        let Some((binary, json)) = self.publishers.get(T::TOPIC.index()) else { return Ok(()) };
         if is_watched(binary)? {
             encoded(message, &mut self.bytes);
             binary.put(self.bytes.as_slice()).attachment(self.period).wait().map_err(failed)?;
@@ -90,8 +90,8 @@ impl Publisher {
     }
 }
 
-fn is_watched(outlet: &Outlet) -> Result<bool, TelemetryError> {
-    let status = outlet.matching_status().wait();
+fn is_watched(publisher: &ZenohPublisher) -> Result<bool, TelemetryError> {
+    let status = publisher.matching_status().wait();
     status
         .map(|status| status.matching())
         .map_err(|error| TelemetryError::Session { reason: first_line(&error) })

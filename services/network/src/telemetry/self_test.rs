@@ -22,13 +22,13 @@ const TRIES_AGAIN_AFTER: Duration = Duration::from_millis(50);
 
 impl Publisher {
     /// Tries to watch at every endpoint of the gateway: over TCP, without a certificate, and in the
-    /// role of `credentials`, which is no watcher's. Meanwhile `word` is published.
+    /// role of `credentials`, which is no watcher's. Meanwhile `health` is published.
     ///
     /// # Errors
     /// The first [`Breach`].
-    pub fn self_test(&mut self, credentials: &Credentials, word: &Health) -> Result<(), Breach> {
+    pub fn self_test(&mut self, credentials: &Credentials, health: &Health) -> Result<(), Breach> {
         for endpoint in self.endpoints().to_vec() {
-            self.is_silent_at(from_here(&endpoint), credentials, word)?;
+            self.is_silent_at(from_here(&endpoint), credentials, health)?;
         }
         Ok(())
     }
@@ -37,7 +37,7 @@ impl Publisher {
         &mut self,
         endpoint: String,
         credentials: &Credentials,
-        word: &Health,
+        health: &Health,
     ) -> Result<(), Breach> {
         let unknown = |reason: String| Breach::Unknown { endpoint: endpoint.clone(), reason };
         keeps_strangers_out(&endpoint, credentials)?;
@@ -52,15 +52,15 @@ impl Publisher {
                 Err(error) => return Err(unknown(error.to_string())),
             }
         };
-        let (tell, heard) = channel();
+        let (tell, received) = channel();
         // The subscription ends after the first value.
         let subscriber = session
             .declare_subscriber("coxswain/**")
             .callback(move |_| tell.send(()).unwrap_or_default());
         let _subscriber = subscriber.wait().map_err(|error| unknown(first_line(&error)))?;
         for _ in 0..TIMES {
-            self.publish(word).map_err(|error| unknown(error.to_string()))?;
-            match heard.recv_timeout(LISTENS_FOR) {
+            self.publish(health).map_err(|error| unknown(error.to_string()))?;
+            match received.recv_timeout(LISTENS_FOR) {
                 Ok(()) => return Err(Breach::NoWatcher { endpoint, role: role.to_string() }),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => {

@@ -15,7 +15,7 @@ use zenoh::{Config, Session, Wait};
 const WAIT_BEFORE_DROP_MICROS: u64 = 100;
 
 /// Longest message that a watcher accepts: more than a snapshot has, as bytes or as JSON \[bytes\].
-const HEARD_MAX_BYTES: u64 = 16 * 1024 * 1024;
+const RECEIVED_MAX_BYTES: u64 = 16 * 1024 * 1024;
 
 /// Longest message that a publishing session accepts; it receives only declarations of interest
 /// \[bytes\].
@@ -120,7 +120,7 @@ pub(super) fn connect(
         endpoint: endpoint.to_owned(),
         reason: first_line(&error),
     };
-    let mut config = config("client", HEARD_MAX_BYTES)?;
+    let mut config = config("client", RECEIVED_MAX_BYTES)?;
     set(&mut config, "connect/endpoints", &json!([endpoint]))?;
     set(&mut config, "connect/timeout_ms", &json!(0))?;
     if let Some(credentials) = credentials {

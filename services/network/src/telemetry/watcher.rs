@@ -19,7 +19,7 @@ const WAITING_MAX: usize = 64;
 
 /// A received message.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Heard {
+pub enum TelemetryMessage {
     /// What the sensors measured, and what the gate did.
     State(Box<PlantState>),
     /// The controller's plan.
@@ -34,13 +34,13 @@ pub enum Heard {
 
 /// A received message, and its robot.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Word {
+pub struct Telemetry {
     /// Name of the robot.
     pub robot: String,
     /// Its control period \[ns\]; 0 if it is not known.
     pub period_nanos: u64,
     /// The message.
-    pub said: Heard,
+    pub message: TelemetryMessage,
 }
 
 /// Receives states, plans, health, goals and obstacles of the robots at one endpoint.
@@ -85,7 +85,7 @@ impl Watcher {
     ///
     /// # Errors
     /// [`TelemetryError::Session`] if the session has ended.
-    pub fn next(&mut self, timeout: Duration) -> Result<Option<Word>, TelemetryError> {
+    pub fn next(&mut self, timeout: Duration) -> Result<Option<Telemetry>, TelemetryError> {
         let deadline = Instant::now() + timeout;
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
@@ -93,8 +93,8 @@ impl Watcher {
             let sample =
                 sample.map_err(|error| TelemetryError::Session { reason: first_line(&error) })?;
             let Some(sample) = sample else { return Ok(None) };
-            match heard(&sample) {
-                Ok(Some(word)) => return Ok(Some(word)),
+            match received(&sample) {
+                Ok(Some(telemetry)) => return Ok(Some(telemetry)),
                 Ok(None) => {}
                 Err(_) => self.refused += 1,
             }
@@ -113,26 +113,26 @@ impl Watcher {
 }
 
 /// The message in a sample; none if its topic is not watched.
-fn heard(sample: &Sample) -> Result<Option<Word>, DecodeError> {
+fn received(sample: &Sample) -> Result<Option<Telemetry>, DecodeError> {
     let key = sample.key_expr().as_str();
     let Some((robot, topic)) = key.strip_prefix("coxswain/").and_then(|rest| rest.split_once('/'))
     else {
         return Ok(None);
     };
     let bytes = sample.payload().to_bytes();
-    let said = match Topic::ALL.into_iter().find(|known| known.name() == topic) {
-        Some(Topic::State) => Heard::State(Box::new(decoded(&bytes)?)),
-        Some(Topic::Plan) => Heard::Plan(Box::new(decoded(&bytes)?)),
-        Some(Topic::Health) => Heard::Health(Box::new(decoded(&bytes)?)),
-        Some(Topic::Goal) => Heard::Goal(Box::new(decoded(&bytes)?)),
-        Some(Topic::Obstacles) => Heard::Obstacles(Box::new(decoded(&bytes)?)),
+    let message = match Topic::ALL.into_iter().find(|known| known.name() == topic) {
+        Some(Topic::State) => TelemetryMessage::State(Box::new(decoded(&bytes)?)),
+        Some(Topic::Plan) => TelemetryMessage::Plan(Box::new(decoded(&bytes)?)),
+        Some(Topic::Health) => TelemetryMessage::Health(Box::new(decoded(&bytes)?)),
+        Some(Topic::Goal) => TelemetryMessage::Goal(Box::new(decoded(&bytes)?)),
+        Some(Topic::Obstacles) => TelemetryMessage::Obstacles(Box::new(decoded(&bytes)?)),
         _ => return Ok(None),
     };
     let period =
         sample.attachment().and_then(|period| <[u8; 8]>::try_from(period.to_bytes().as_ref()).ok());
-    Ok(Some(Word {
+    Ok(Some(Telemetry {
         robot: robot.to_owned(),
         period_nanos: period.map_or(0, u64::from_le_bytes),
-        said,
+        message,
     }))
 }

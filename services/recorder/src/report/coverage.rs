@@ -9,8 +9,8 @@
 //! residual of the next. A period counts only if it is usable, and if the same learned model was in
 //! use on that axis at both ticks. The observer has no part in the interval.
 
-use super::heard::PlanTick;
 use super::record::Record;
+use super::recorded::PlanTick;
 
 /// Half width of the 95 % interval of a normal distribution, in standard deviations.
 pub(super) const SPREAD: f64 = 1.96;

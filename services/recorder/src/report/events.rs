@@ -1,6 +1,6 @@
 //! Gate, health and list of injected faults → events and their times.
 
-use super::heard::{GateWords, Goal, Health};
+use super::recorded::{GateWords, Goal, Health};
 use process::requests::{Outcome, Settled};
 use protocol::message::FallbackLevel;
 use serde::Deserialize;
@@ -70,7 +70,7 @@ impl Log {
     }
 
     /// Reads what the gate did in a period.
-    pub(super) fn hear_gate(&mut self, words: &GateWords) {
+    pub(super) fn receive_gate(&mut self, words: &GateWords) {
         self.tick = self.tick.max(words.tick);
         let reason =
             if words.reason == "-" { String::new() } else { format!(" ({})", words.reason) };
@@ -89,7 +89,7 @@ impl Log {
     }
 
     /// Reads how far a goal is.
-    pub(super) fn hear_goal(&mut self, goal: &Goal) {
+    pub(super) fn receive_goal(&mut self, goal: &Goal) {
         let now = (goal.id, goal.phase.clone());
         if self.goal.as_ref() != Some(&now) {
             let [x, y, yaw] = goal.target;
@@ -103,7 +103,7 @@ impl Log {
     }
 
     /// Reads the health of a process.
-    pub(super) fn hear_health(&mut self, health: &Health) {
+    pub(super) fn receive_health(&mut self, health: &Health) {
         let (tick, who, lost) = (self.tick, &health.participant, health.lost());
         let mut told = Vec::new();
         let role = self
@@ -135,7 +135,7 @@ impl Log {
     }
 
     /// Reads a change of settings, accepted or rejected. Skips repeated and unreadable ones.
-    pub(super) fn hear_change(&mut self, json: &[u8]) {
+    pub(super) fn receive_change(&mut self, json: &[u8]) {
         let Ok(settled) = serde_json::from_slice::<Settled>(json) else { return };
         if !self.changes.insert((settled.process.clone(), settled.number)) {
             return;
@@ -205,9 +205,9 @@ mod tests {
     fn repeated_events_are_one_event_with_their_number() {
         let mut log = Log::default();
         for tick in 0..100 {
-            log.hear_gate(&gate(tick, FallbackLevel::FreshPlan, tick));
+            log.receive_gate(&gate(tick, FallbackLevel::FreshPlan, tick));
         }
-        log.hear_gate(&gate(300, FallbackLevel::FreshPlan, 100));
+        log.receive_gate(&gate(300, FallbackLevel::FreshPlan, 100));
         let (events, more) = log.finish();
         assert_eq!((events.len(), more), (2, 0), "{events:?}");
         assert_eq!((events[0].tick, events[0].until, events[0].count), (1, 99, 99));
@@ -219,7 +219,7 @@ mod tests {
         let mut log = Log::default();
         for tick in 0..200 {
             let is_slowed = (40..90).contains(&tick) || (150..160).contains(&tick);
-            log.hear_gate(&GateWords { is_slowed, ..gate(tick, FallbackLevel::FreshPlan, 0) });
+            log.receive_gate(&GateWords { is_slowed, ..gate(tick, FallbackLevel::FreshPlan, 0) });
         }
         let (events, _) = log.finish();
         let stretches: Vec<_> = events.iter().map(|event| (event.tick, event.until)).collect();
@@ -238,9 +238,9 @@ mod tests {
             target: [1.0, 2.0, 0.5],
         };
         for tick in 0..30 {
-            log.hear_goal(&goal(tick, 1, if tick < 20 { "under way" } else { "reached" }));
+            log.receive_goal(&goal(tick, 1, if tick < 20 { "under way" } else { "reached" }));
         }
-        log.hear_goal(&goal(30, 2, "under way"));
+        log.receive_goal(&goal(30, 2, "under way"));
         let (events, _) = log.finish();
         assert_eq!(events.iter().map(|event| event.tick).collect::<Vec<_>>(), [0, 20, 30]);
     }
@@ -255,7 +255,7 @@ mod tests {
             (3, FallbackLevel::Brake),
             (60, FallbackLevel::FreshPlan),
         ] {
-            log.hear_gate(&gate(tick, fallback_level, 0));
+            log.receive_gate(&gate(tick, fallback_level, 0));
         }
         let (events, _) = log.finish();
         let told: Vec<_> = events.iter().map(|event| event.what.as_str()).collect();

@@ -5,7 +5,7 @@
 
 use super::ReportError;
 use super::events::{Event, Log};
-use super::heard::{
+use super::recorded::{
     Goal, Health, Obstacles, Outline, Plan, PlanTick, Sample, Snapshot, State, StateTick,
 };
 use crate::changes;
@@ -181,7 +181,7 @@ impl Reading {
     fn take(&mut self, message: &Message<'_>) {
         if message.channel.topic == changes::CHANNEL {
             // Each file repeats the earlier changes.
-            return self.log.hear_change(&message.data);
+            return self.log.receive_change(&message.data);
         }
         let Some(topic) =
             Topic::ALL.into_iter().find(|topic| topic.name() == message.channel.topic)
@@ -207,7 +207,7 @@ impl Reading {
                     self.states.push(state);
                     self.tick = state.tick;
                     self.began.get_or_insert((sent_nanos, state.tick));
-                    self.log.hear_gate(&words);
+                    self.log.receive_gate(&words);
                 }
             }
             Topic::Truth => {
@@ -242,7 +242,7 @@ impl Reading {
             Topic::Health => {
                 let health: Health = serde_json::from_slice(json)?;
                 if self.rows.add_health(health.row()) {
-                    self.log.hear_health(&health);
+                    self.log.receive_health(&health);
                 }
             }
             Topic::Command => {
@@ -253,7 +253,7 @@ impl Reading {
                 let goal: Goal = serde_json::from_slice(json)?;
                 if self.rows.count(topic, goal.stamp) && self.belongs(goal.plant_epoch) {
                     self.goals.insert(goal.id, goal.target);
-                    self.log.hear_goal(&goal);
+                    self.log.receive_goal(&goal);
                 }
             }
             Topic::Obstacles => {

@@ -123,12 +123,12 @@ pub(super) fn errors(records: &Records<'_>) -> Figure {
         ("heading [rad]", "Heading error", |error| error.heading),
         ("speed [m/s]", "Speed error", |error| error.speed),
     ];
-    for (title, said, part) in parts {
+    for (title, label, part) in parts {
         let lines = errors_of(records, part);
         let panel =
             Panel::new(title, records.time, Axis::linear(extent(&lines).padded()), records.detail);
-        let levels: &[f64] = if said == "Speed error" { &speed_band } else { &[0.0] };
-        figure.panels.push(drawn(panel, records, &lines, levels, said));
+        let levels: &[f64] = if label == "Speed error" { &speed_band } else { &[0.0] };
+        figure.panels.push(drawn(panel, records, &lines, levels, label));
     }
     figure.legend = records.legend(Look::Line, "", |record| !record.plans.is_empty());
     figure
@@ -164,7 +164,7 @@ fn drawn(
     records: &Records<'_>,
     lines: &[Vec<(f64, f64)>],
     levels: &[f64],
-    said: &str,
+    label: &str,
 ) -> String {
     for &level in levels {
         panel.level(level, "");
@@ -172,7 +172,7 @@ fn drawn(
     for ((colour, record), line) in records.coloured().zip(lines) {
         panel.line(&colour, gap(record), line.iter().copied());
     }
-    panel.finish(&format!("{said}: {}", records.names()))
+    panel.finish(&format!("{label}: {}", records.names()))
 }
 
 /// A part of the errors: its title, its label, and its value.

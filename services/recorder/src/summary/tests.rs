@@ -370,10 +370,10 @@ fn without_truth_the_figures_are_measured_and_marked_so() {
 #[test]
 fn errors_of_processes_are_in_the_summary_once() {
     let mut rows = record(3, |_| (0.0, 0.0, 0.0));
-    for (sequence, said) in (1..).zip(["", "too slow", "too slow", "", "too late", "too slow"]) {
+    for (sequence, error) in (1..).zip(["", "too slow", "too slow", "", "too late", "too slow"]) {
         let of_controller = health(Participant::Controller, 0, (0, 0));
         let stamp = Mark { sequence, ..Mark::default() };
-        rows.add_health(HealthRow { stamp, last_error: said.into(), ..of_controller });
+        rows.add_health(HealthRow { stamp, last_error: error.into(), ..of_controller });
     }
     assert_eq!(summary(&rows).told, ["controller: too slow", "controller: too late"]);
 }

@@ -30,17 +30,17 @@ fn a_restart_an_error_silence_and_a_loss_are_one_event_each() {
     let after = |millis| begin + Duration::from_millis(millis);
     let mut run = RunView::default();
     let of = |pid, phase, error| health(Participant::Recorder, pid, phase, error);
-    run.hear_health(&of(1, Phase::Running, ""), begin);
-    run.hear_health(&of(1, Phase::Degraded, "no disk"), after(100));
-    run.hear_health(&of(1, Phase::Degraded, "no disk"), after(200));
-    run.hear_health(&of(1, Phase::Running, ""), after(300));
+    run.receive_health(&of(1, Phase::Running, ""), begin);
+    run.receive_health(&of(1, Phase::Degraded, "no disk"), after(100));
+    run.receive_health(&of(1, Phase::Degraded, "no disk"), after(200));
+    run.receive_health(&of(1, Phase::Running, ""), after(300));
     for millis in [1200, 1400, 1500] {
         run.look_for_silence(after(millis));
     }
     let mut again = of(2, Phase::Running, "");
     for (lost, millis) in [(0, 1600), (3, 1700), (4, 1800), (5, 1900), (5, 2900)] {
         again.lost[0] = lost;
-        run.hear_health(&again, after(millis));
+        run.receive_health(&again, after(millis));
     }
     assert_eq!(run.processes[&Participant::Recorder].starts, 2);
     let lost = |more| What::Counted(Counter::Lost, more);
@@ -56,15 +56,15 @@ fn a_restart_an_error_silence_and_a_loss_are_one_event_each() {
 }
 
 #[test]
-fn a_process_that_is_heard_again_was_silent_and_a_finished_one_may_be_silent() {
+fn a_process_that_is_received_again_was_silent_and_a_finished_one_may_be_silent() {
     let begin = Instant::now();
     let after = |seconds| begin + Duration::from_secs(seconds);
     let mut run = RunView::default();
-    run.hear_health(&health(PLANT, 1, Phase::Running, ""), begin);
-    run.hear_health(&health(Participant::Learner, 2, Phase::Finished, ""), begin);
+    run.receive_health(&health(PLANT, 1, Phase::Running, ""), begin);
+    run.receive_health(&health(Participant::Learner, 2, Phase::Finished, ""), begin);
     run.look_for_silence(after(5));
-    run.hear_health(&health(PLANT, 1, Phase::Running, ""), after(6));
-    assert_eq!(events(&run), [What::Silent, What::Heard]);
+    run.receive_health(&health(PLANT, 1, Phase::Running, ""), after(6));
+    assert_eq!(events(&run), [What::Silent, What::SendsAgain]);
     assert!(!run.processes[&Participant::Learner].is_silent(after(9)));
     assert!(run.processes[&PLANT].is_silent(after(9)));
 }
@@ -74,8 +74,8 @@ fn an_error_in_the_first_message_is_an_event_and_earlier_counts_are_none() {
     let mut run = RunView::default();
     let mut first = health(Participant::Learner, 1, Phase::Running, "the fit was given up");
     first.deadlines_missed = 7;
-    run.hear_health(&first, Instant::now());
-    run.hear_health(&first, Instant::now());
+    run.receive_health(&first, Instant::now());
+    run.receive_health(&first, Instant::now());
     let expected = What::Error(Phase::Running, "the fit was given up".into());
     assert_eq!(events(&run), [expected]);
 }
@@ -93,7 +93,7 @@ fn a_change_of_level_or_cause_and_a_refusal_are_events() {
         state(3, FreshPlan, Reason::None),
         refused,
     ] {
-        assert!(!run.hear_state(&state));
+        assert!(!run.receive_state(&state));
     }
     let expected = [
         (2, What::Level(FreshPlan, Brake, Reason::Missing)),
@@ -115,7 +115,7 @@ fn each_phase_of_a_goal_is_one_event_and_its_target_is_shown_until_it_is_given_u
     let mut shown = Vec::new();
     for phase in [GoalPhase::Active, GoalPhase::Active, GoalPhase::Reached, GoalPhase::Preempted] {
         goal.phase = phase.code();
-        run.hear_goal(&goal);
+        run.receive_goal(&goal);
         shown.push(run.target());
     }
     assert_eq!(run.noted(), 3);
@@ -126,11 +126,11 @@ fn each_phase_of_a_goal_is_one_event_and_its_target_is_shown_until_it_is_given_u
 fn another_plant_begins_a_new_run_without_obstacles() {
     let begin = Instant::now();
     let mut run = RunView::default();
-    run.hear_state(&state(70, FallbackLevel::FreshPlan, Reason::None));
-    run.hear_obstacles(&Obstacles::zeroed(), begin);
+    run.receive_state(&state(70, FallbackLevel::FreshPlan, Reason::None));
+    run.receive_obstacles(&Obstacles::zeroed(), begin);
     let mut first = state(0, FallbackLevel::FreshPlan, Reason::None);
     (first.stamp.epoch, first.refused) = (2, 9);
-    assert!(run.hear_state(&first));
+    assert!(run.receive_state(&first));
     assert_eq!((run.tick(), run.obstacles.len()), (0, 0));
     assert_eq!(events(&run), [What::NewRun(2)]);
 }
@@ -139,7 +139,7 @@ fn another_plant_begins_a_new_run_without_obstacles() {
 fn obstacles_are_shown_until_their_list_is_too_old() {
     let begin = Instant::now();
     let mut run = RunView::default();
-    run.hear_obstacles(&Obstacles { valid_s: 0.5, ..Obstacles::zeroed() }, begin);
+    run.receive_obstacles(&Obstacles { valid_s: 0.5, ..Obstacles::zeroed() }, begin);
     assert!(!run.drop_old_obstacles(begin + Duration::from_millis(1400)));
     assert!(run.drop_old_obstacles(begin + Duration::from_millis(1600)));
     assert!(run.obstacles.is_empty());
@@ -152,7 +152,7 @@ fn the_worst_exposure_counts() {
     for (who, exposure) in [(PLANT, Exposure::Watched), (Participant::Learner, Exposure::Closed)] {
         let exposure = exposure.code();
         let health = Health { exposure, ..health(who, 1, Phase::Running, "") };
-        run.hear_health(&health, Instant::now());
+        run.receive_health(&health, Instant::now());
     }
     assert_eq!(run.exposure(), Exposure::Watched);
 }

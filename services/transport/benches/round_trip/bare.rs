@@ -21,14 +21,14 @@ pub(crate) fn measure(
     let (folder, prefix) =
         (folder.join(format!("bare-{name}")), format!("bare{}.", std::process::id()));
     let open = |ways| End::open(&folder, &prefix, ways, words, depth);
-    let hear = |end: &End| end.hear(LONG)?.ok_or_else(|| Failure::from("nobody answers"));
+    let receive = |end: &End| end.receive(LONG)?.ok_or_else(|| Failure::from("nobody answers"));
     thread::scope(|scope| -> Result<(), Failure> {
         let (ready, is_ready) = mpsc::channel();
         let echo = scope.spawn(move || -> Result<(), Failure> {
             let end = open(["there", "back"])?;
             ready.send(())?;
             loop {
-                let number = hear(&end)?;
+                let number = receive(&end)?;
                 end.say(number)?;
                 if number == LAST {
                     return Ok(());
@@ -42,7 +42,7 @@ pub(crate) fn measure(
         criterion.bench_function(&format!("round trip/iceoryx2 alone, {name}"), |bencher| {
             bencher.iter(|| {
                 number += 1;
-                match end.say(number).and_then(|()| hear(&end)) {
+                match end.say(number).and_then(|()| receive(&end)) {
                     Ok(answer) if answer == number => {}
                     Ok(_) => failure = Some("another number came back".into()),
                     Err(error) => failure = Some(error),
@@ -50,7 +50,7 @@ pub(crate) fn measure(
             });
         });
         end.say(LAST)?;
-        hear(&end)?;
+        receive(&end)?;
         echo.join().map_err(|_| "the echo panicked")??;
         failure.map_or(Ok(()), Err)
     })?;

@@ -66,7 +66,7 @@ impl End {
     }
 
     /// The next message, if it arrives within `patience`.
-    pub(crate) fn hear(&self, patience: Duration) -> Result<Option<u64>, Failure> {
+    pub(crate) fn receive(&self, patience: Duration) -> Result<Option<u64>, Failure> {
         let end = Instant::now() + patience;
         loop {
             if let Some(sample) = self.subscriber.receive()? {

@@ -1,18 +1,18 @@
-//! The inlet and the outlet around the real ones. They allocate for every message.
+//! The receiver and the sender around the real ones. They allocate for every message.
 
 use super::Chain;
-use crate::carrier::{Inlet, Outlet};
+use crate::carrier::{Receiver, Sender};
 use crate::{ReceiveError, SendError};
 use std::time::{Duration, Instant};
 
-/// An outlet that applies faults to messages before they leave.
-pub(crate) struct FaultyOutlet {
-    inner: Box<dyn Outlet + Send>,
+/// A sender that applies faults to messages before they leave.
+pub(crate) struct FaultySender {
+    inner: Box<dyn Sender + Send>,
     chain: Chain,
 }
 
-impl FaultyOutlet {
-    pub(crate) fn new(inner: Box<dyn Outlet + Send>, chain: Chain) -> Self {
+impl FaultySender {
+    pub(crate) fn new(inner: Box<dyn Sender + Send>, chain: Chain) -> Self {
         Self { inner, chain }
     }
 
@@ -27,7 +27,7 @@ impl FaultyOutlet {
     }
 }
 
-impl Outlet for FaultyOutlet {
+impl Sender for FaultySender {
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
         let now = Instant::now();
         let mut bytes = vec![0; length];
@@ -43,18 +43,18 @@ impl Outlet for FaultyOutlet {
     }
 }
 
-/// An inlet that applies faults to messages after they have arrived.
-pub(crate) struct FaultyInlet {
-    inner: Box<dyn Inlet + Send>,
+/// A receiver that applies faults to messages after they have arrived.
+pub(crate) struct FaultyReceiver {
+    inner: Box<dyn Receiver + Send>,
     chain: Chain,
 }
 
-impl FaultyInlet {
-    pub(crate) fn new(inner: Box<dyn Inlet + Send>, chain: Chain) -> Self {
+impl FaultyReceiver {
+    pub(crate) fn new(inner: Box<dyn Receiver + Send>, chain: Chain) -> Self {
         Self { inner, chain }
     }
 
-    /// Receives from the real inlet until the faults release a message. True if they have.
+    /// Receives from the real receiver until the faults release a message. True if they have.
     fn pull(&mut self) -> Result<bool, ReceiveError> {
         // A message that has already arrived can still release the messages held behind it.
         while !self.chain.is_ready() {
@@ -73,7 +73,7 @@ impl FaultyInlet {
     }
 }
 
-impl Inlet for FaultyInlet {
+impl Receiver for FaultyReceiver {
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError> {
         self.pull()?;
         Ok(self.chain.pop().is_some_and(|bytes| {

@@ -1,8 +1,8 @@
 //! Sent messages arrive whole and in order, and lost messages are counted.
 
 use crate::fixture::{
-    BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, hear,
-    hear_until, snapshot,
+    BRIEF, Failure, Fence, Fixture, LONG, Outcome, PATIENCE, command, count_until, credit, receive,
+    receive_until, snapshot,
 };
 use bytemuck::Zeroable;
 use protocol::message::{
@@ -22,7 +22,7 @@ pub(crate) fn messages_arrive_in_order<F: Fixture>() -> Outcome {
         sink.send(&mut command(tick))?;
     }
     for tick in 1..=100 {
-        let received = hear(&mut source)?;
+        let received = receive(&mut source)?;
         assert_eq!(
             (received.stamp.tick, received.stamp.sequence, received.stamp.epoch),
             (tick, tick, 3)
@@ -39,7 +39,7 @@ pub(crate) fn every_kind_of_message_crosses_whole<F: Fixture>() -> Outcome {
         let mut source = ports.source::<T>(Since::First)?;
         let mut sink = ports.sink::<T>()?;
         sink.send(&mut message)?;
-        assert!(hear(&mut source)? == message, "{} has changed on its way", T::NAME);
+        assert!(receive(&mut source)? == message, "{} has changed on its way", T::NAME);
         Ok(())
     }
     let graph = F::new(true)?;
@@ -133,7 +133,7 @@ pub(crate) fn a_reader_that_never_reads_does_not_stop_the_control_path<F: Fixtur
     for tick in 1..=20_000 {
         sink.send(&mut command(tick))?;
         if tick % 10 == 0 {
-            hear_until(&mut reading, |command| command.stamp.tick == tick)?;
+            receive_until(&mut reading, |command| command.stamp.tick == tick)?;
         }
     }
     fence.pass(sink)?;
@@ -189,12 +189,12 @@ pub(crate) fn a_lossless_writer_gives_up_when_its_patience_is_over<F: Fixture>()
         Err(SendError::NoRoom { topic: Topic::Credit, waited: PATIENCE })
     );
     assert_eq!(sink.sent(), depth);
-    hear_until(&mut reading, |credit| credit.through_tick == depth + 1)?;
+    receive_until(&mut reading, |credit| credit.through_tick == depth + 1)?;
     fence.cross()?;
 
-    assert_eq!(hear(&mut stopped)?.through_tick, 1);
+    assert_eq!(receive(&mut stopped)?.through_tick, 1);
     sink.send(&mut credit(depth + 2))?;
-    hear_until(&mut stopped, |credit| credit.through_tick == depth + 2)?;
+    receive_until(&mut stopped, |credit| credit.through_tick == depth + 2)?;
     assert_eq!(stopped.tally(), Tally { received: depth + 1, lost: 1, ..Tally::default() });
     Ok(())
 }
@@ -225,7 +225,7 @@ pub(crate) fn a_snapshot_of_a_megabyte_crosses_whole<F: Fixture>() -> Outcome {
         let mut sent = snapshot(version, points)?;
         assert!(version != 2 || sent.byte_len() > 1_000_000);
         sink.send(&mut sent)?;
-        assert!(hear(&mut source)? == sent, "snapshot {version} has changed on its way");
+        assert!(receive(&mut source)? == sent, "snapshot {version} has changed on its way");
     }
     assert_eq!(source.tally(), Tally { received: 4, ..Tally::default() });
     Ok(())

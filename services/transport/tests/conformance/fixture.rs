@@ -81,7 +81,7 @@ impl Drop for Shared {
 }
 
 /// The next message; the message is already on its way.
-pub(crate) fn hear<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
+pub(crate) fn receive<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
     loop {
         if !source.wait(LONG)? {
             return Err(format!("no {} comes", T::NAME).into());
@@ -93,7 +93,7 @@ pub(crate) fn hear<T: OnTopic>(source: &mut Source<T>) -> Result<T, Failure> {
 }
 
 /// The newest message, once all messages up to `tick` have arrived.
-pub(crate) fn hear_until<T: OnTopic>(
+pub(crate) fn receive_until<T: OnTopic>(
     source: &mut Source<T>,
     tick: impl Fn(&T) -> bool,
 ) -> Result<T, Failure> {
@@ -151,7 +151,7 @@ impl Fence {
         static CROSSINGS: AtomicU64 = AtomicU64::new(0);
         let own = CROSSINGS.fetch_add(1, Ordering::Relaxed);
         self.sink.send(&mut Health { heartbeat: own, ..Health::zeroed() })?;
-        while hear(&mut self.source)?.heartbeat != own {}
+        while receive(&mut self.source)?.heartbeat != own {}
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! Bytes that are no message, or another message than the expected one.
 
-use crate::fixture::{Fixture, Outcome, bytes, command, count_until, hear, snapshot};
+use crate::fixture::{Fixture, Outcome, bytes, command, count_until, receive, snapshot};
 use protocol::frame::DecodeError;
 use protocol::message::{Command, Message, ModelSnapshot, Stamp};
 use protocol::topic::Topic;
@@ -70,7 +70,7 @@ pub(crate) fn damaged_truncated_and_oversize_bytes_are_refused<F: Fixture>() -> 
         assert_eq!(source.tally(), Tally { refused: refused as u64 + 1, ..Tally::default() });
     }
     raw.send_raw(&good)?;
-    assert_eq!(hear(&mut source)?.input, command(1).input, "a good one still gets through");
+    assert_eq!(receive(&mut source)?.input, command(1).input, "a good one still gets through");
     Ok(())
 }
 
@@ -83,7 +83,7 @@ pub(crate) fn a_message_sent_twice_is_received_once<F: Fixture>() -> Outcome {
         raw.send_raw(&encoded(command(1), |stamp| stamp.sequence = sequence))?;
     }
     for sequence in [1, 2, 5] {
-        assert_eq!(hear(&mut source)?.stamp.sequence, sequence);
+        assert_eq!(receive(&mut source)?.stamp.sequence, sequence);
     }
     assert_eq!(source.tally(), Tally { received: 3, lost: 2, refused: 0, stale: 2 });
     Ok(())

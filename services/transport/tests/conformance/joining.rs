@@ -1,6 +1,8 @@
 //! Readers and writers that join late, or join again.
 
-use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, credit, hear, hear_until, snapshot};
+use crate::fixture::{
+    BRIEF, Fixture, LONG, Outcome, command, credit, receive, receive_until, snapshot,
+};
 use protocol::message::{Command, Credit, ModelSnapshot};
 use protocol::topic::Topic;
 use transport::{OpenError, Since, Tally};
@@ -13,18 +15,18 @@ pub(crate) fn a_late_joiner_gets_the_last_snapshot<F: Fixture>() -> Outcome {
     for version in 1..=3 {
         sink.send(&mut snapshot(version, 100)?)?;
     }
-    hear_until(&mut early, |snapshot| snapshot.head.version == 3)?;
+    receive_until(&mut early, |snapshot| snapshot.head.version == 3)?;
     let mut late = ports.source::<ModelSnapshot>(Since::Joining)?;
     sink.refresh()?;
-    assert_eq!(hear(&mut late)?.head.version, 3);
+    assert_eq!(receive(&mut late)?.head.version, 3);
     assert_eq!(late.next()?, None);
 
     sink.refresh()?;
     assert_eq!(late.next()?, None, "it gets it once");
     sink.send(&mut snapshot(4, 100)?)?;
-    assert_eq!(hear(&mut late)?.head.version, 4);
+    assert_eq!(receive(&mut late)?.head.version, 4);
     assert_eq!(late.tally(), Tally { received: 2, ..Tally::default() });
-    assert_eq!(hear(&mut early)?.head.version, 4);
+    assert_eq!(receive(&mut early)?.head.version, 4);
     assert_eq!(
         early.tally(),
         Tally { received: 4, ..Tally::default() },
@@ -41,13 +43,13 @@ pub(crate) fn a_late_joiner_counts_no_losses_from_before_its_time<F: Fixture>() 
     for tick in 1..=10 {
         sink.send(&mut command(tick))?;
     }
-    hear_until(&mut early, |command| command.stamp.tick == 10)?;
+    receive_until(&mut early, |command| command.stamp.tick == 10)?;
     let mut joining = ports.source::<Command>(Since::Joining)?;
     let mut strict = ports.source::<Command>(Since::First)?;
     sink.send(&mut command(11))?;
-    assert_eq!(hear(&mut joining)?.stamp.tick, 11);
+    assert_eq!(receive(&mut joining)?.stamp.tick, 11);
     assert_eq!(joining.tally(), Tally { received: 1, ..Tally::default() });
-    assert_eq!(hear(&mut strict)?.stamp.tick, 11);
+    assert_eq!(receive(&mut strict)?.stamp.tick, 11);
     assert_eq!(strict.tally(), Tally { received: 1, lost: 10, ..Tally::default() });
     Ok(())
 }
@@ -60,7 +62,7 @@ pub(crate) fn a_restarted_writer_is_received_at_once<F: Fixture>() -> Outcome {
         sink.send(&mut command(1))?;
         sink.send(&mut command(2))?;
         for sequence in 1..=2 {
-            let stamp = hear(&mut source)?.stamp;
+            let stamp = receive(&mut source)?.stamp;
             assert_eq!((stamp.epoch, stamp.sequence), (epoch, sequence));
         }
     }
@@ -78,15 +80,15 @@ pub(crate) fn a_new_epoch_starts_at_sequence_one<F: Fixture>() -> Outcome {
     sink.set_epoch(9);
     sink.send(&mut command(3))?;
     assert_eq!(sink.sent(), 3);
-    for said in [(1, 1), (1, 2), (9, 1)] {
-        let stamp = hear(&mut source)?.stamp;
-        assert_eq!((stamp.epoch, stamp.sequence), said);
+    for expected in [(1, 1), (1, 2), (9, 1)] {
+        let stamp = receive(&mut source)?.stamp;
+        assert_eq!((stamp.epoch, stamp.sequence), expected);
     }
     assert_eq!(source.tally(), Tally { received: 3, ..Tally::default() });
     Ok(())
 }
 
-pub(crate) fn a_restarted_reader_hears_what_comes_next<F: Fixture>() -> Outcome {
+pub(crate) fn a_restarted_reader_receives_what_comes_next<F: Fixture>() -> Outcome {
     let graph = F::new(true)?;
     let mut sink = graph.ports(1)?.sink::<Command>()?;
     let depth = Topic::Command.quality(true).depth as u64;
@@ -97,7 +99,7 @@ pub(crate) fn a_restarted_reader_hears_what_comes_next<F: Fixture>() -> Outcome 
             tick += 1;
             sink.send(&mut command(tick))?;
         }
-        hear_until(&mut source, |command| command.stamp.tick == tick)?;
+        receive_until(&mut source, |command| command.stamp.tick == tick)?;
         assert_eq!(source.tally(), Tally { received: depth, ..Tally::default() });
     }
     Ok(())
@@ -136,12 +138,12 @@ pub(crate) fn a_place_that_is_left_can_be_taken_again<F: Fixture>() -> Outcome {
         sink.send(&mut credit(1))?;
     }
     for source in &mut sources {
-        hear(source)?;
+        receive(source)?;
     }
     Ok(())
 }
 
-pub(crate) fn two_graphs_do_not_hear_each_other<F: Fixture>() -> Outcome {
+pub(crate) fn two_graphs_do_not_receive_each_other<F: Fixture>() -> Outcome {
     let (here, there) = (F::new(false)?, F::new(false)?);
     let mut source_here = here.ports(1)?.source::<Command>(Since::First)?;
     let mut source_there = there.ports(1)?.source::<Command>(Since::First)?;

@@ -1,6 +1,6 @@
 //! Sleeping until a message waits.
 
-use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, hear, hear_until};
+use crate::fixture::{BRIEF, Fixture, LONG, Outcome, command, receive, receive_until};
 use protocol::message::Command;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -10,16 +10,16 @@ pub(crate) fn a_wait_ends_when_a_message_comes<F: Fixture>() -> Outcome {
     let graph = F::new(false)?;
     let mut source = graph.ports(1)?.source::<Command>(Since::First)?;
     thread::scope(|scope| {
-        let (heard, is_heard) = std::sync::mpsc::channel();
+        let (received, is_received) = std::sync::mpsc::channel();
         let graph = &graph;
         let writer = scope.spawn(move || -> Outcome {
             let mut sink = graph.ports(1)?.sink::<Command>()?;
             thread::sleep(BRIEF);
             sink.send(&mut command(1))?;
-            Ok(is_heard.recv()?)
+            Ok(is_received.recv()?)
         });
-        hear(&mut source)?;
-        heard.send(())?;
+        receive(&mut source)?;
+        received.send(())?;
         writer.join().map_err(|_| "the writer panicked")??;
         Ok(())
     })
@@ -64,7 +64,7 @@ pub(crate) fn a_wait_does_not_end_for_what_has_been_taken_already<F: Fixture>() 
     for tick in 1..=2_000 {
         sink.send(&mut command(tick))?;
     }
-    hear_until(&mut source, |command| command.stamp.tick == 2_000)?;
+    receive_until(&mut source, |command| command.stamp.tick == 2_000)?;
     assert!(!source.wait(BRIEF)?);
     sink.send(&mut command(2_001))?;
     assert!(source.wait(LONG)?);

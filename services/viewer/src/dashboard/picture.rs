@@ -3,7 +3,7 @@
 
 use super::trail::Trail;
 use crate::presence::Presence;
-use network::telemetry::{Heard, Word};
+use network::telemetry::{Telemetry, TelemetryMessage};
 use protocol::message::{FallbackLevel, Participant, Plan, PlantState, Reason};
 use protocol::topic::Topic;
 use run_view::{Event, RunView, What};
@@ -95,17 +95,17 @@ impl Picture {
     }
 
     /// Processes a message received at `now`. Of several robots the first is shown.
-    pub fn hear(&mut self, word: Word, now: Instant) {
-        if *self.robot.get_or_insert_with(|| word.robot.clone()) != word.robot {
+    pub fn receive(&mut self, telemetry: Telemetry, now: Instant) {
+        if *self.robot.get_or_insert_with(|| telemetry.robot.clone()) != telemetry.robot {
             return;
         }
-        self.period_nanos = word.period_nanos;
-        match word.said {
-            Heard::State(state) => self.hear_state(&state, now),
-            Heard::Plan(plan) => self.hear_plan(plan),
-            Heard::Health(health) => self.run.hear_health(&health, now),
-            Heard::Goal(goal) => self.run.hear_goal(&goal),
-            Heard::Obstacles(list) => self.run.hear_obstacles(&list, now),
+        self.period_nanos = telemetry.period_nanos;
+        match telemetry.message {
+            TelemetryMessage::State(state) => self.receive_state(&state, now),
+            TelemetryMessage::Plan(plan) => self.receive_plan(plan),
+            TelemetryMessage::Health(health) => self.run.receive_health(&health, now),
+            TelemetryMessage::Goal(goal) => self.run.receive_goal(&goal),
+            TelemetryMessage::Obstacles(list) => self.run.receive_obstacles(&list, now),
         }
     }
 
@@ -178,9 +178,9 @@ impl Picture {
         tick as f64 * self.period_nanos as f64 * 1e-9
     }
 
-    fn hear_state(&mut self, state: &PlantState, now: Instant) {
-        let was_lost = self.presence.heard(now, self.period_nanos);
-        if self.run.hear_state(state) {
+    fn receive_state(&mut self, state: &PlantState, now: Instant) {
+        let was_lost = self.presence.receive(now, self.period_nanos);
+        if self.run.receive_state(state) {
             self.begin_anew();
         }
         if was_lost {
@@ -194,7 +194,7 @@ impl Picture {
         }
     }
 
-    fn hear_plan(&mut self, plan: Box<Plan>) {
+    fn receive_plan(&mut self, plan: Box<Plan>) {
         let seconds = self.seconds_of(plan.stamp.tick);
         if self.error.last().is_some_and(|(last, _)| seconds < last) {
             // The answer belongs to a former plant, or it is one of the first answers to a new one.
@@ -257,17 +257,17 @@ mod tests {
         let mut picture = Picture::new("tcp/127.0.0.1:1");
         picture.look(at(begin, 9000));
         assert_eq!(picture.contact(at(begin, 9000)), Contact::Awaited);
-        picture.hear(specimen::state(1), at(begin, 10_000));
+        picture.receive(specimen::state(1), at(begin, 10_000));
         picture.look(at(begin, 10_900));
         assert_eq!(picture.contact(at(begin, 10_900)), Contact::Live);
         picture.look(at(begin, 12_000));
         assert_eq!(picture.contact(at(begin, 12_500)), Contact::Lost(Duration::from_millis(2500)));
-        picture.hear(specimen::health(Participant::Gateway), at(begin, 12_600));
+        picture.receive(specimen::health(Participant::Gateway), at(begin, 12_600));
         assert!(
             matches!(picture.contact(at(begin, 12_600)), Contact::Lost(_)),
             "a process is not the robot"
         );
-        picture.hear(specimen::state(2), at(begin, 13_000));
+        picture.receive(specimen::state(2), at(begin, 13_000));
         assert_eq!(picture.contact(at(begin, 13_100)), Contact::Back);
         assert_eq!(picture.contact(at(begin, 19_000)), Contact::Live);
         let events = picture.run.events_since(0).map(|event| event.what.clone());
@@ -278,7 +278,7 @@ mod tests {
     fn a_slow_robot_is_not_lost_within_three_periods_of_silence() {
         let begin = Instant::now();
         let mut picture = Picture::new("");
-        picture.hear(Word { period_nanos: 1_000_000_000, ..specimen::state(1) }, begin);
+        picture.receive(Telemetry { period_nanos: 1_000_000_000, ..specimen::state(1) }, begin);
         picture.look(at(begin, 2900));
         assert_eq!(picture.contact(at(begin, 2900)), Contact::Live);
     }
@@ -287,8 +287,8 @@ mod tests {
     fn the_first_robot_is_shown_and_no_other() {
         let begin = Instant::now();
         let mut picture = Picture::new("");
-        picture.hear(specimen::state(1), begin);
-        picture.hear(Word { robot: "another".into(), ..specimen::state(70) }, begin);
+        picture.receive(specimen::state(1), begin);
+        picture.receive(Telemetry { robot: "another".into(), ..specimen::state(70) }, begin);
         assert_eq!(picture.run.state.map(|state| state.stamp.tick), Some(1));
         assert_eq!(picture.robot.as_deref(), Some(specimen::ROBOT));
     }
@@ -300,7 +300,7 @@ mod tests {
         picture.period_nanos = 100_000_000;
         assert_eq!(picture.recent_one_step(), None);
         for tick in 0..200 {
-            picture.hear(specimen::plan(tick), Instant::now());
+            picture.receive(specimen::plan(tick), Instant::now());
         }
         let recent = picture.recent_one_step().ok_or("nothing was averaged")?;
         for axis in 0..3 {
@@ -316,10 +316,10 @@ mod tests {
         let mut picture = specimen::picture(begin);
         assert!(picture.path.all().count() > 100);
         let mut first = specimen::state(0);
-        if let Heard::State(state) = &mut first.said {
+        if let TelemetryMessage::State(state) = &mut first.message {
             (state.stamp.epoch, state.stamp.writer) = (2, 99);
         }
-        picture.hear(first, begin);
+        picture.receive(first, begin);
         assert_eq!(
             (picture.path.all().count(), picture.error.all().count(), picture.plan.is_none()),
             (1, 0, true)
@@ -335,8 +335,8 @@ mod tests {
     fn obstacles_are_shown_until_their_list_is_too_old() {
         let begin = Instant::now();
         let mut picture = Picture::new("");
-        picture.hear(specimen::state(1), begin);
-        picture.hear(specimen::obstacles(), begin);
+        picture.receive(specimen::state(1), begin);
+        picture.receive(specimen::obstacles(), begin);
         picture.look(at(begin, 1400));
         assert_eq!(picture.run.obstacles.len(), 1);
         picture.look(at(begin, 1600));
@@ -356,13 +356,15 @@ mod tests {
     #[test]
     fn non_finite_numbers_reach_no_chart() {
         let (mut state, mut plan) = (specimen::state(1), specimen::plan(1));
-        if let (Heard::State(state), Heard::Plan(plan)) = (&mut state.said, &mut plan.said) {
+        if let (TelemetryMessage::State(state), TelemetryMessage::Plan(plan)) =
+            (&mut state.message, &mut plan.message)
+        {
             (state.pose[0], plan.predicted[0][0], plan.reference[0][1], plan.residual[2]) =
                 (f64::NAN, f64::NAN, f64::INFINITY, f64::NAN);
         }
         let mut picture = Picture::new("");
-        picture.hear(state, Instant::now());
-        picture.hear(plan, Instant::now());
+        picture.receive(state, Instant::now());
+        picture.receive(plan, Instant::now());
         let points = [
             picture.path.all().count(),
             picture.reference.all().count(),

@@ -1,7 +1,7 @@
 //! A robot for tests of the dashboard: it drives a circle of 2 m.
 
 use super::picture::Picture;
-use network::telemetry::{Heard, Word};
+use network::telemetry::{Telemetry, TelemetryMessage};
 use protocol::message::{
     FallbackLevel, Goal, GoalPhase, Health, Obstacles, Participant, Phase, Plan, PlantState,
 };
@@ -19,8 +19,8 @@ pub(crate) const LOST: u64 = 3;
 /// Its control period \[ns\].
 const PERIOD_NANOS: u64 = 100_000_000;
 
-fn word(said: Heard) -> Word {
-    Word { robot: ROBOT.into(), period_nanos: PERIOD_NANOS, said }
+fn telemetry(message: TelemetryMessage) -> Telemetry {
+    Telemetry { robot: ROBOT.into(), period_nanos: PERIOD_NANOS, message }
 }
 
 /// Its pose at a tick.
@@ -29,14 +29,14 @@ fn pose(tick: u64) -> [f64; 3] {
     [2.0 * angle.cos(), 2.0 * angle.sin(), angle + std::f64::consts::FRAC_PI_2]
 }
 
-pub(crate) fn state(tick: u64) -> Word {
+pub(crate) fn state(tick: u64) -> Telemetry {
     let mut state: PlantState = bytemuck::Zeroable::zeroed();
     (state.stamp.tick, state.stamp.epoch, state.fallback_level, state.pose) =
         (tick, 1, FallbackLevel::FreshPlan.code(), pose(tick));
-    word(Heard::State(Box::new(state)))
+    telemetry(TelemetryMessage::State(Box::new(state)))
 }
 
-pub(crate) fn plan(tick: u64) -> Word {
+pub(crate) fn plan(tick: u64) -> Telemetry {
     let mut plan: Box<Plan> = Box::new(bytemuck::Zeroable::zeroed());
     (plan.stamp.tick, plan.plant_epoch, plan.horizon, plan.fallback_level) =
         (tick, 1, 10, FallbackLevel::FreshPlan.code());
@@ -49,10 +49,10 @@ pub(crate) fn plan(tick: u64) -> Word {
         *reference = [x, y, yaw, 1.0, 0.0, 0.5];
         *predicted = [x, y + 0.0321, yaw, 1.0, 0.0, 0.5];
     }
-    word(Heard::Plan(plan))
+    telemetry(TelemetryMessage::Plan(plan))
 }
 
-pub(crate) fn health(who: Participant) -> Word {
+pub(crate) fn health(who: Participant) -> Telemetry {
     let mut health: Box<Health> = Box::new(bytemuck::Zeroable::zeroed());
     (health.participant, health.phase, health.pid) =
         (who.code(), Phase::Running.code(), 4000 + who.code());
@@ -63,34 +63,34 @@ pub(crate) fn health(who: Participant) -> Word {
     if who == Participant::Learner {
         health.set_last_error("the fit was given up");
     }
-    word(Heard::Health(health))
+    telemetry(TelemetryMessage::Health(health))
 }
 
 /// A disc of 0.3 m at (1, 1), valid for half a second.
-pub(crate) fn obstacles() -> Word {
+pub(crate) fn obstacles() -> Telemetry {
     let mut list: Box<Obstacles> = Box::new(bytemuck::Zeroable::zeroed());
     (list.valid_s, list.count) = (0.5, 1);
     list.obstacles[0] = [1.0; protocol::message::OBSTACLE_NUMBERS];
     (list.obstacles[0][0], list.obstacles[0][1], list.obstacles[0][2]) = (0.0, 0.0, 0.3);
-    word(Heard::Obstacles(list))
+    telemetry(TelemetryMessage::Obstacles(list))
 }
 
 /// A goal at (0, 0) that the robot is on the way to.
-pub(crate) fn goal() -> Word {
+pub(crate) fn goal() -> Telemetry {
     let mut goal: Box<Goal> = Box::new(bytemuck::Zeroable::zeroed());
     (goal.id, goal.phase) = (4, GoalPhase::Active.code());
-    word(Heard::Goal(goal))
+    telemetry(TelemetryMessage::Goal(goal))
 }
 
 /// Its picture after 12.3 s, at `now`.
 pub(crate) fn picture(now: Instant) -> Picture {
     let mut picture = Picture::new("tcp/127.0.0.1:7448");
     for tick in 0..=123 {
-        picture.hear(state(tick), now);
-        picture.hear(plan(tick), now);
+        picture.receive(state(tick), now);
+        picture.receive(plan(tick), now);
     }
     for &who in Participant::ALL {
-        picture.hear(health(who), now);
+        picture.receive(health(who), now);
     }
     picture
 }

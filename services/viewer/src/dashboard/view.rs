@@ -200,9 +200,9 @@ mod tests {
     fn a_held_picture_stays_unchanged_while_the_live_one_is_updated() {
         let begin = Instant::now();
         let mut view = View::new(Picture::new(""));
-        view.live().hear(specimen::state(1), begin);
+        view.live().receive(specimen::state(1), begin);
         view.press(KeyEvent::new(KeyCode::Char(' '), KeyModifiers::NONE), begin);
-        view.live().hear(specimen::state(2), begin);
+        view.live().receive(specimen::state(2), begin);
         let tick = |view: &View| {
             view.shown(Instant::now()).0.run.state.as_ref().map(|state| state.stamp.tick)
         };

@@ -113,12 +113,12 @@ fn outliers_and_flipped_samples_change_the_prediction_little() {
             for _ in 0..1_000 {
                 let x = 2.0 * random.normal();
                 let honest = x.sin() + 1.5 + 0.01 * random.normal();
-                let said = match random.uniform() {
+                let target = match random.uniform() {
                     draw if draw < 0.5 * share => -honest,
                     draw if draw < share => 10.0 * random.normal(),
                     _ => honest,
                 };
-                set.insert(at(x, said));
+                set.insert(at(x, target));
             }
             let error = error(&mut set, 1.0);
             assert!(error < tolerance, "{error} with {share} of the samples wild, seed {seed}");

@@ -85,7 +85,7 @@ fn phase(scene: Scene<'_>, process: &Process) -> Span<'static> {
 
 /// The time since its last message, and its style.
 fn silence(scene: Scene<'_>, process: &Process) -> (String, Style) {
-    let silent = scene.now.saturating_duration_since(process.heard);
+    let silent = scene.now.saturating_duration_since(process.received);
     let style = if process.is_silent(scene.now) { scene.look.alarm() } else { Style::new() };
     (format!("{:.1} s", silent.as_secs_f64()), style)
 }

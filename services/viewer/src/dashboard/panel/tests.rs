@@ -3,7 +3,7 @@ use super::super::picture::Picture;
 use super::super::specimen;
 use super::super::view::{KEYS, View};
 use super::draw;
-use network::telemetry::Heard;
+use network::telemetry::TelemetryMessage;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
@@ -85,7 +85,7 @@ const WORDS: [&str; 33] = [
 fn eighty_by_twenty_four_shows_all_figures_uncut() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
-    view.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
+    view.live().receive(specimen::state(123), begin + Duration::from_millis(2500));
     let shown = text(&view, (80, 24), begin + Duration::from_millis(2500))?;
     assert_all(&shown, &WORDS);
     assert_all(
@@ -105,7 +105,7 @@ fn eighty_by_twenty_four_shows_all_figures_uncut() -> Result<(), Infallible> {
 fn two_hundred_by_sixty_is_used() -> Result<(), Infallible> {
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
-    view.live().hear(specimen::state(123), begin + Duration::from_millis(2500));
+    view.live().receive(specimen::state(123), begin + Duration::from_millis(2500));
     let shown = text(&view, (200, 60), begin + Duration::from_millis(2500))?;
     assert_all(&shown, &WORDS);
     let more = [
@@ -132,8 +132,8 @@ fn the_map_shows_the_goal_and_obstacles() -> Result<(), Infallible> {
         Ok(cells.content().iter().filter(|cell| cell.fg == Color::Yellow).count())
     };
     let before = yellow(&View::new(picture.clone()))?;
-    picture.hear(specimen::goal(), begin);
-    picture.hear(specimen::obstacles(), begin);
+    picture.receive(specimen::goal(), begin);
+    picture.receive(specimen::obstacles(), begin);
     let view = View::new(picture);
     assert_all(&text(&view, (200, 60), begin)?, &["x goal ⠶ obstacle ", "x"]);
     assert_all(&text(&view, (80, 24), begin)?, &["x goal"]);
@@ -194,7 +194,7 @@ fn a_lost_robot_is_reported_and_the_last_picture_is_grey() -> Result<(), Infalli
             "cell {index}: {cell:?}"
         );
     }
-    view.live().hear(specimen::state(124), later);
+    view.live().receive(specimen::state(124), later);
     let buffer = cells(&view, Look::Coloured, (80, 24), later)?;
     assert_all(&rows(&buffer).join("\n"), &["live: the robot is back"]);
     assert!(buffer.content().iter().all(|cell| cell.fg != Color::DarkGray));
@@ -206,7 +206,7 @@ fn a_held_picture_does_not_hide_that_the_robot_is_lost() -> Result<(), Infallibl
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     press(&mut view, ' ', begin);
-    view.live().hear(specimen::state(130), begin);
+    view.live().receive(specimen::state(130), begin);
     assert_all(&text(&view, (80, 24), begin)?, &["HELD, space resumes; live", "tick 123"]);
     let later = begin + Duration::from_secs(7);
     view.live().look(later);
@@ -276,10 +276,10 @@ fn a_fallback_level_of_last_resort_shows_its_reason() -> Result<(), Infallible> 
     let begin = Instant::now();
     let mut view = View::new(specimen::picture(begin));
     let mut braking = specimen::state(124);
-    if let Heard::State(state) = &mut braking.said {
+    if let TelemetryMessage::State(state) = &mut braking.message {
         (state.fallback_level, state.reason) = (5, 2);
     }
-    view.live().hear(braking, begin);
+    view.live().receive(braking, begin);
     let shown = text(&view, (80, 24), begin)?;
     assert_all(
         &shown,

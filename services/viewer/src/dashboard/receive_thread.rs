@@ -15,14 +15,14 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const ENDS_WITHIN: Duration = Duration::from_secs(1);
 
 /// The receive thread. It runs until `end`.
-pub(super) struct Ear {
+pub(super) struct ReceiveThread {
     done: Stop,
     thread: JoinHandle<()>,
 }
 
-impl Ear {
+impl ReceiveThread {
     /// Forwards what `watcher` receives, and connects again when the connection is lost.
-    pub(super) fn listen(target: WatchTarget, watcher: Watcher, events: SyncSender<Event>) -> Self {
+    pub(super) fn begin(target: WatchTarget, watcher: Watcher, events: SyncSender<Event>) -> Self {
         let done = Stop::new();
         let thread = thread::spawn({
             let done = done.clone();
@@ -44,7 +44,7 @@ impl Ear {
 fn listen(target: &WatchTarget, mut watcher: Watcher, events: &SyncSender<Event>, done: &Stop) {
     while !done.requested() {
         let passed_on = match watcher.next(PATIENCE) {
-            Ok(Some(word)) => events.send(Event::Said(word)),
+            Ok(Some(telemetry)) => events.send(Event::Telemetry(telemetry)),
             // Opens a failed session again.
             _ if !watcher.is_connected() => {
                 if let Ok((again, endpoint)) = target.open() {

@@ -11,9 +11,9 @@ const TOLERANCE: f64 = 1e-9;
 
 /// The recorded commands, by epoch of plant and controller, writer, and the answered tick. A
 /// command that a link has changed or repeated is there more than once.
-pub(super) struct Said<'a>(BTreeMap<[u64; 4], Vec<&'a Message>>);
+pub(super) struct Commanded<'a>(BTreeMap<[u64; 4], Vec<&'a Message>>);
 
-impl<'a> Said<'a> {
+impl<'a> Commanded<'a> {
     pub(super) fn of(record: &'a Record) -> Self {
         let mut commands: BTreeMap<[u64; 4], Vec<&Message>> = BTreeMap::new();
         for command in record.of("command") {
@@ -56,7 +56,13 @@ impl<'a> Said<'a> {
             if !inputs.iter().any(|input| is_near(input, &acts)) {
                 let expected = inputs.iter().map(Value::to_string).collect::<Vec<_>>().join(" or ");
                 let found = format!("{acts:.4?} acts of the answer to tick {answered}");
-                violations.push(Violation { rule: Rule::Said, epoch, tick, found, expected });
+                violations.push(Violation {
+                    rule: Rule::AsCommanded,
+                    epoch,
+                    tick,
+                    found,
+                    expected,
+                });
             }
         }
     }
@@ -65,8 +71,8 @@ impl<'a> Said<'a> {
 /// The input of a command for a state that is `age` periods old.
 fn entry(command: &Message, age: u64) -> Value {
     match age.checked_sub(1) {
-        None => command.says["input"].clone(),
-        Some(later) => command.says["tail"][later as usize].clone(),
+        None => command.fields["input"].clone(),
+        Some(later) => command.fields["tail"][later as usize].clone(),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::service::{Announcement, Messages};
 use super::{CLEANUP_TIMEOUT, SharedMemory};
-use crate::carrier::Outlet;
+use crate::carrier::Sender;
 use crate::{Audience, OpenError, RESERVED_BYTES_MAX, Reservation, SendError};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -25,7 +25,7 @@ const LOOK_PAUSE: Duration = Duration::from_millis(5);
 
 const WORD_BYTES: usize = size_of::<u64>();
 
-pub(crate) struct SharedMemoryOutlet {
+pub(crate) struct SharedMemorySender {
     topic: Topic,
     delivery: Delivery,
     messages: Messages,
@@ -38,7 +38,7 @@ pub(crate) struct SharedMemoryOutlet {
     deadline_nanos: Arc<AtomicU64>,
 }
 
-impl SharedMemoryOutlet {
+impl SharedMemorySender {
     pub(super) fn open(
         shared: &SharedMemory,
         topic: Topic,
@@ -137,7 +137,7 @@ impl SharedMemoryOutlet {
     }
 }
 
-impl Outlet for SharedMemoryOutlet {
+impl Sender for SharedMemorySender {
     fn send(&mut self, length: usize, fill: &mut dyn FnMut(&mut [u8])) -> Result<(), SendError> {
         if self.delivery == Delivery::NewestWins {
             return self.send_once(length, fill).map(drop);

@@ -3,14 +3,14 @@
 use super::alarm::{Alarm, Slept};
 use super::service::{Announcement, Events};
 use super::{CLEANUP_TIMEOUT, SharedMemory};
-use crate::carrier::Inlet;
+use crate::carrier::Receiver;
 use crate::{Audience, OpenError, ReceiveError};
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::ipc_threadsafe;
 use protocol::topic::Topic;
 use std::time::{Duration, Instant};
 
-pub(crate) struct SharedMemoryInlet {
+pub(crate) struct SharedMemoryReceiver {
     topic: Topic,
     subscriber: Subscriber<ipc_threadsafe::Service, [u64], ()>,
     events: Events,
@@ -18,7 +18,7 @@ pub(crate) struct SharedMemoryInlet {
     alarm: Option<Alarm>,
 }
 
-impl SharedMemoryInlet {
+impl SharedMemoryReceiver {
     pub(super) fn open(
         shared: &SharedMemory,
         topic: Topic,
@@ -76,7 +76,7 @@ impl SharedMemoryInlet {
     }
 }
 
-impl Inlet for SharedMemoryInlet {
+impl Receiver for SharedMemoryReceiver {
     fn receive(&mut self, visit: &mut dyn FnMut(&[u8])) -> Result<bool, ReceiveError> {
         let received = self
             .subscriber
