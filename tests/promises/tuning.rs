@@ -201,7 +201,7 @@ fn each_of_a_thousand_random_settings_is_used_within_two_ticks_or_refused_and_re
             .values()
             .all(|settled| !settled.request.who.is_empty() && settled.request.asked_unix_nanos > 0)
     );
-    let mut ways = BTreeMap::new();
+    let mut delays = BTreeMap::new();
     let mut in_use = vec![(0, settings.clone())];
     for settled in settled.values() {
         let Came::Applied { taken_at_tick, ready_at_tick, acts_from_tick, .. } =
@@ -209,7 +209,7 @@ fn each_of_a_thousand_random_settings_is_used_within_two_ticks_or_refused_and_re
         else {
             continue;
         };
-        *ways.entry(acts_from_tick - taken_at_tick).or_insert(0) += 1;
+        *delays.entry(acts_from_tick - taken_at_tick).or_insert(0) += 1;
         // The preparation time depends on the machine; a prepared change waits for nothing but the
         // end of a period.
         let answered = record
@@ -223,11 +223,11 @@ fn each_of_a_thousand_random_settings_is_used_within_two_ticks_or_refused_and_re
             in_use.push((acts_from_tick, after));
         }
     }
-    let applied: u64 = ways.values().sum();
+    let applied: u64 = delays.values().sum();
     assert_eq!((applied, settled.len() as u64 - applied), (COUNT - refused, refused));
     writeln!(
         io::stdout(),
-        "{applied} in use, {refused} refused; periods from taking up to use: {ways:?}"
+        "{applied} in use, {refused} refused; periods from taking up to use: {delays:?}"
     )?;
     the_plans_are_of_the_settings_that_the_record_gives(&record, &in_use)
 }

@@ -65,7 +65,7 @@ pub enum BridgeError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// This host accepts peers without a certificate.
-    #[error("nothing is carried: {0}")]
+    #[error("nothing is forwarded: {0}")]
     Breach(#[from] Breach),
     /// A topic cannot be sent.
     #[error("topic {}: {source}", topic.name())]
@@ -106,14 +106,14 @@ pub fn run(settings: &Settings, stop: &Stop) -> Result<(), BridgeError> {
     let mut connections = settings.remotes.iter().map(open).collect::<Result<Vec<_>, _>>()?;
     let ended = Stop::new();
     thread::scope(|scope| {
-        let carried = carry(scope, settings, &ports, &mut connections, pulse, [stop, &ended]);
+        let forwarded = forward(scope, settings, &ports, &mut connections, pulse, [stop, &ended]);
         ended.request();
-        carried
+        forwarded
     })
 }
 
 /// Runs all threads until the stop request.
-fn carry<'scope, 'env>(
+fn forward<'scope, 'env>(
     scope: &'scope thread::Scope<'scope, 'env>,
     settings: &'env Settings,
     ports: &Ports,

@@ -283,7 +283,7 @@ fn join(near: TcpStream, port: u16, cable: &Arc<Mutex<Cable>>) -> io::Result<()>
             // A cable does not wait for a processor.
             go_before_everything();
             // It ends as soon as one end does.
-            let _ = carry(&from, &to, &cable);
+            let _ = forward(&from, &to, &cable);
             let _ = to.shutdown(Shutdown::Both);
         });
     }
@@ -291,7 +291,7 @@ fn join(near: TcpStream, port: u16, cable: &Arc<Mutex<Cable>>) -> io::Result<()>
 }
 
 /// Copies bytes until an end closes, as the state of the cable permits.
-fn carry(mut from: &TcpStream, mut to: &TcpStream, cable: &Mutex<Cable>) -> io::Result<()> {
+fn forward(mut from: &TcpStream, mut to: &TcpStream, cable: &Mutex<Cable>) -> io::Result<()> {
     let mut buffer = vec![0; COPIED_BYTES];
     let mut is_free_at = Instant::now();
     loop {

@@ -20,7 +20,7 @@ pub(crate) fn measure(
 ) -> Result<(), Failure> {
     let (folder, prefix) =
         (folder.join(format!("bare-{name}")), format!("bare{}.", std::process::id()));
-    let open = |ways| End::open(&folder, &prefix, ways, words, depth);
+    let open = |directions| End::open(&folder, &prefix, directions, words, depth);
     let receive = |end: &End| end.receive(LONG)?.ok_or_else(|| Failure::from("nobody answers"));
     thread::scope(|scope| -> Result<(), Failure> {
         let (ready, is_ready) = mpsc::channel();
