@@ -1,9 +1,9 @@
 //! Kinematics between wheels and body, and the places of the wheels.
 //!
-//! | here                       | in the equations | size  |
-//! |----------------------------|------------------|-------|
-//! | `rim_speed_from_velocity`  | J                | W × 3 |
-//! | `arm_m`                    | L: rim speed per yaw rate, root mean square |  |
+//! | here                      | in the equations                            | size  |
+//! |---------------------------|---------------------------------------------|-------|
+//! | `rim_speed_from_velocity` | J                                           | W × 3 |
+//! | `arm_m`                   | L: rim speed per yaw rate, root mean square |       |
 //!
 //! Reference: Wu, Tang, Xu 2023, eqs. 4–9, in the frame x forward, y left; the rows of other wheels
 //! are those of [`Wheels`].

@@ -7,12 +7,12 @@
 //! ```text
 //! left = g − ĝ(v, u)      plain: innovation = left − d      d ← d + ℓ innovation
 //! ```
-//! | model ĝ    | what it is                                                              |
-//! |------------|-------------------------------------------------------------------------|
-//! | `Main`     | 0: the main model alone, or the oracle's model                          |
-//! | `Response` | the first-order response that is identified while driving               |
-//! | `Physics`  | that, friction, drag and the turning frame, by least squares            |
-//! | `Learned`  | the Gaussian processes of the newest snapshot                           |
+//! | model ĝ    | what it is                                                                  |
+//! |------------|-----------------------------------------------------------------------------|
+//! | `Main`     | 0: the main model alone, or the oracle's model                              |
+//! | `Response` | the first-order response that is identified while driving                   |
+//! | `Physics`  | that, friction, drag and the turning frame, by least squares                |
+//! | `Learned`  | the Gaussian processes of the newest snapshot                               |
 //! | `LastGood` | those of the last proven snapshot that was in use at the next one's arrival |
 //!
 //! So an abandoned snapshot is replaced by the one before it, if that predicts clearly better than

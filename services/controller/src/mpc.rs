@@ -17,9 +17,9 @@
 //! 32 write x(k|k) and omit the reference.) One iteration: shift the last plan, predict with it,
 //! linearise, solve one convex quadratic program in stages, apply its first input.
 //!
-//! | here        | in the equations                | size      |
-//! |-------------|---------------------------------|-----------|
-//! | `target`    | t: input that holds the reference | N × 3   |
+//! | here        | in the equations                                  | size  |
+//! |-------------|---------------------------------------------------|-------|
+//! | `target`    | t: input that holds the reference                 | N × 3 |
 //! | `deviation` | u − t, free in the first C periods, then constant | C × 3 |
 //!
 //! ```

@@ -6,7 +6,7 @@
 //! | brakes  | while one touches the footprint, the ramp of the brake ends each motion towards |
 //! |         | it; from then on a command that leads towards it is a ramp that ends, and the   |
 //! |         | robot gets no deeper into it once it rests                                      |
-//! | slows   | where the gate slows the robot, no axis gets faster than it was and was sent   |
+//! | slows   | where the gate slows the robot, no axis gets faster than it was and was sent    |
 //! | leaves  | a robot that moves and is commanded straight away from it is not slowed: at     |
 //! |         | most 45° beside −n, and without a turn. The gate has to expect more of others.  |
 //! |         | A robot that was slowed before needs some periods to its full speed             |

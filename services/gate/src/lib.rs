@@ -3,15 +3,15 @@
 //! The simulator and all robot drivers use it. No heap after start, no clock of its own (the caller
 //! passes the time), no Gaussian process, no optimiser, no network.
 //!
-//! | module      | what it decides                                                        |
-//! |-------------|------------------------------------------------------------------------|
-//! | [`arbiter`] | which fallback level acts: a pure function of flags and time           |
-//! | [`accept`]  | whether one command may act                                            |
-//! | [`machine`] | disarmed, armed, driving, stopped: whether any command may act         |
-//! | [`list`]    | lists of obstacles: messages to shapes and back                        |
+//! | module         | what it decides                                                     |
+//! |----------------|---------------------------------------------------------------------|
+//! | [`arbiter`]    | which fallback level acts: a pure function of flags and time        |
+//! | [`accept`]     | whether one command may act                                         |
+//! | [`machine`]    | disarmed, armed, driving, stopped: whether any command may act      |
+//! | [`list`]       | lists of obstacles: messages to shapes and back                     |
 //! | [`protective`] | how much of a twist lets the footprint stop before an obstacle      |
-//! | `protection` | obstacles, zones and the border of the area, as the gate knows them  |
-//! | [`Gate`]    | stores the accepted command and computes the input of the wheels       |
+//! | `protection`   | obstacles, zones and the border of the area, as the gate knows them |
+//! | [`Gate`]       | stores the accepted command and computes the input of the wheels    |
 //!
 //! ```text
 //! age of the state that the last accepted command answered:

@@ -1,10 +1,10 @@
 //! launcher → gateway: the same run without learning, period by period, in a file.
 //!
-//! | column    | what it holds                                     |
-//! |-----------|---------------------------------------------------|
-//! | `tick`    | control period                                    |
-//! | `x_m`     | measured position \[m\]                           |
-//! | `y_m`     | the same \[m\]                                    |
+//! | column    | what it holds                                      |
+//! |-----------|----------------------------------------------------|
+//! | `tick`    | control period                                     |
+//! | `x_m`     | measured position \[m\]                            |
+//! | `y_m`     | the same \[m\]                                     |
 //! | `error_m` | distance of that position from the reference \[m\] |
 
 use serde::{Deserialize, Serialize};

@@ -9,15 +9,15 @@
 //! f_i(v) = Σ_w J_wi (c_i + e_i exp(−((J v)_w/v_b)²)) tanh((J v)_w/v_s) / Σ_w |J_wi|
 //! ```
 //!
-//! | symbol | parameter                                                                  |
-//! |--------|----------------------------------------------------------------------------|
-//! | K      | steady velocity per input; K_ij and C_ij with i ≠ j couple the axes        |
-//! | τ, d   | time constant and dead time                                                |
-//! | ρ      | integral part of the speed loops; 0 where they are proportional |
-//! | c, v_s | dry friction as the velocity that it costs, and the speed at which it is full |
-//! | e, v_b | more friction near standstill (stiction), as such a velocity; v_b is 0.1 m/s |
-//! | D      | drag of the planar axes, in planar velocity lost per squared speed; 0 for yaw |
-//! | b      | constant offset: slope, or a sensor's bias                                 |
+//! | symbol | parameter                                                                          |
+//! |--------|------------------------------------------------------------------------------------|
+//! | K      | steady velocity per input; K_ij and C_ij with i ≠ j couple the axes                |
+//! | τ, d   | time constant and dead time                                                        |
+//! | ρ      | integral part of the speed loops; 0 where they are proportional                    |
+//! | c, v_s | dry friction as the velocity that it costs, and the speed at which it is full      |
+//! | e, v_b | more friction near standstill (stiction), as such a velocity; v_b is 0.1 m/s       |
+//! | D      | drag of the planar axes, in planar velocity lost per squared speed; 0 for yaw      |
+//! | b      | constant offset: slope, or a sensor's bias                                         |
 //! | s      | share of the turning frame's acceleration (Coriolis); 0 where wheels hold the body |
 //!
 //! Friction acts at each wheel, so its direction follows from J. Where the wheels are not known,

@@ -10,9 +10,9 @@
 //! For mecanum wheels in a rectangle the columns of J are eigenvectors of M, so the three body axes
 //! do not mix:
 //!
-//! | axis          | λ                    |
-//! |---------------|----------------------|
-//! | forward, left | m r²/4 + `I_ω`       |
+//! | axis          | λ                       |
+//! |---------------|-------------------------|
+//! | forward, left | m r²/4 + `I_ω`          |
 //! | yaw           | `I_z` r²/(4 L²) + `I_ω` |
 
 use crate::Velocity;

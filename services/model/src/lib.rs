@@ -1,23 +1,23 @@
 //! The model of the robot, and how its error is learned. Pure: no clock, thread, input, output or
 //! logging.
 //!
-//! | module          | what it computes                                                       |
-//! |-----------------|------------------------------------------------------------------------|
-//! | [`dynamics`]    | inertia and speed-loop stiffness of a mecanum base (eqs. 10–21)        |
-//! | [`main_model`]  | f: the exact discretisation of the believed dynamics, axis by axis     |
-//! | [`lqr`]         | the gain K of u = −K x^f (eq. 23) and its cost-to-go                   |
-//! | [`residual`]    | g: the measured velocity minus that of f (eqs. 27–29)                  |
-//! | [`runge_kutta`] | one period of the pose by the method of most toolboxes                 |
-//! | [`gp`]          | Gaussian-process regression of g                                       |
-//! | [`physics`]     | Bayesian linear model of g with physical features                      |
+//! | module          | what it computes                                                        |
+//! |-----------------|-------------------------------------------------------------------------|
+//! | [`dynamics`]    | inertia and speed-loop stiffness of a mecanum base (eqs. 10–21)         |
+//! | [`main_model`]  | f: the exact discretisation of the believed dynamics, axis by axis      |
+//! | [`lqr`]         | the gain K of u = −K x^f (eq. 23) and its cost-to-go                    |
+//! | [`residual`]    | g: the measured velocity minus that of f (eqs. 27–29)                   |
+//! | [`runge_kutta`] | one period of the pose by the method of most toolboxes                  |
+//! | [`gp`]          | Gaussian-process regression of g                                        |
+//! | [`physics`]     | Bayesian linear model of g with physical features                       |
 //! | [`learned`]     | g as the controller uses it: layout of the inputs, normalisation, bound |
-//! | [`delay`]       | the dead time from a command to its response                           |
-//! | [`response`]    | dead time, time constant and gain, identified while driving            |
-//! | [`observer`]    | gains of the disturbance observers: plain and Kalman                   |
-//! | [`predict`]     | one step of f + g + d                                                  |
-//! | [`linearise`]   | its Jacobians                                                          |
-//! | [`covariance`]  | covariance of the state along a prediction                             |
-//! | [`foresight`]   | the robot's own dynamics in place of f + g                             |
+//! | [`delay`]       | the dead time from a command to its response                            |
+//! | [`response`]    | dead time, time constant and gain, identified while driving             |
+//! | [`observer`]    | gains of the disturbance observers: plain and Kalman                    |
+//! | [`predict`]     | one step of f + g + d                                                   |
+//! | [`linearise`]   | its Jacobians                                                           |
+//! | [`covariance`]  | covariance of the state along a prediction                              |
+//! | [`foresight`]   | the robot's own dynamics in place of f + g                              |
 //!
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. Wheels: front-right,
 //! front-left, rear-left, rear-right.

@@ -4,14 +4,14 @@
 //! ```text
 //! g_a = (1 − A_a) φ_aᵀ w_a + noise
 //! ```
-//! | features φ of an axis       | what they stand for                                         |
-//! |-----------------------------|-------------------------------------------------------------|
-//! | u − v of all three axes     | wrong inertia or loop gain; motors that differ              |
-//! | its own v                   | friction that grows with speed, a wrong wheel radius        |
-//! | 1                           | a constant force                                            |
-//! | J⁺ tanh(J v/v_s)            | Coulomb friction of the wheels                              |
-//! | two products of ω           | the turning frame (Coriolis), a centre of mass off the middle |
-//! | \|v\| v                       | drag                                                        |
+//! | features φ of an axis   | what they stand for                                           |
+//! |-------------------------|---------------------------------------------------------------|
+//! | u − v of all three axes | wrong inertia or loop gain; motors that differ                |
+//! | its own v               | friction that grows with speed, a wrong wheel radius          |
+//! | 1                       | a constant force                                              |
+//! | J⁺ tanh(J v/v_s)        | Coulomb friction of the wheels                                |
+//! | two products of ω       | the turning frame (Coriolis), a centre of mass off the middle |
+//! | \|v\| v                 | drag                                                          |
 //!
 //! Yaw counts as the speed L ω. The weights of each axis vary about their prior as an
 //! Ornstein–Uhlenbeck process of time constant τ. Weights that new data contradict, or no longer

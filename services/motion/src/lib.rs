@@ -1,15 +1,15 @@
 //! Goals as motions over time, within what a robot can do.
 //!
-//! | module      | what it does                                                              |
-//! |-------------|---------------------------------------------------------------------------|
-//! | [`limits`]  | largest speeds, accelerations and jerks, and how far a motion uses them    |
-//! | `profile`   | to a pose, to a velocity, to a standstill: jerk-limited (Ruckig)           |
-//! | `curve`     | points → a smooth curve with headings                                     |
-//! | `timing`    | a curve → the fastest motion along it within the limits                   |
-//! | `time_law`  | place along a curve at each time, averaged: limited jerk                   |
-//! | `entry`     | the present motion → a curve that joins a path                            |
-//! | `join`      | the present motion → a path, without a stop                               |
-//! | `route`     | obstacles → a way around them, as points (A*)                             |
+//! | module     | what it does                                                            |
+//! |------------|-------------------------------------------------------------------------|
+//! | [`limits`] | largest speeds, accelerations and jerks, and how far a motion uses them |
+//! | `profile`  | to a pose, to a velocity, to a standstill: jerk-limited (Ruckig)        |
+//! | `curve`    | points → a smooth curve with headings                                   |
+//! | `timing`   | a curve → the fastest motion along it within the limits                 |
+//! | `time_law` | place along a curve at each time, averaged: limited jerk                |
+//! | `entry`    | the present motion → a curve that joins a path                          |
+//! | `join`     | the present motion → a path, without a stop                             |
+//! | `route`    | obstacles → a way around them, as points (A*)                           |
 //!
 //! Poses are in the world (x, y, yaw) \[m, m, rad\], yaw is not wrapped. Velocities and
 //! accelerations of a [`Moment`] are those of the pose, in the world as well.

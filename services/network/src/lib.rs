@@ -1,13 +1,13 @@
 //! Sessions with other machines over zenoh, and the telemetry that watchers read.
 //!
-//! | module        | contents                                                          |
-//! |---------------|-------------------------------------------------------------------|
+//! | module        | contents                                                            |
+//! |---------------|---------------------------------------------------------------------|
 //! | [`threads`]   | the threads with which zenoh reads and writes its links, [`Client`] |
-//! | `tls`         | [`guarded`]: a configuration of zenoh over TLS, with certificates |
-//! | `strangers`   | [`Breach`]: tests whether peers without a certificate are refused |
-//! | `quiet`       | a configuration of zenoh with explicit endpoints                  |
-//! | [`telemetry`] | what anyone may watch                                             |
-//! | [`requests`]  | what operators and planners request of a host                     |
+//! | `tls`         | [`guarded`]: a configuration of zenoh over TLS, with certificates   |
+//! | `strangers`   | [`Breach`]: tests whether peers without a certificate are refused   |
+//! | `quiet`       | a configuration of zenoh with explicit endpoints                    |
+//! | [`telemetry`] | what anyone may watch                                               |
+//! | [`requests`]  | what operators and planners request of a host                       |
 
 mod quiet;
 mod reason;

@@ -7,7 +7,7 @@
 //! | key         | `coxswain-request/<robot>/<role>/<process>`                             |
 //! | payload     | text: the `change` of a request file (`process::requests`), or a list   |
 //! |             | of obstacles (`process::lists`)                                         |
-//! | attachment  | of a goal: when it was made by the clock of the bridge \[ns\], a u64 in   |
+//! | attachment  | of a goal: when it was made by the clock of the bridge \[ns\], a u64 in |
 //! |             | little-endian; without it, the request counts as made when it arrives   |
 //! | reply       | the outcome as JSON, as in the file of the reply or on the socket       |
 //! | error reply | text: why the bridge rejects the request                                |

@@ -1,8 +1,8 @@
 //! gateway → anyone: the robot's state over zenoh, read-only.
 //!
-//! | key                             | value                                                  |
-//! |---------------------------------|--------------------------------------------------------|
-//! | `coxswain/<robot>/<topic>`      | the message, in the encoding of `WIRE.md`              |
+//! | key                             | value                                                     |
+//! |---------------------------------|-----------------------------------------------------------|
+//! | `coxswain/<robot>/<topic>`      | the message, in the encoding of `WIRE.md`                 |
 //! | `coxswain/<robot>/<topic>/json` | the same as one JSON object, see [`view`](protocol::view) |
 //!
 //! Each value has an attachment of 8 bytes: the control period \[ns\], little-endian. Discovery is
@@ -11,7 +11,7 @@
 //!
 //! ```
 //! use protocol::message::{Message, PlantState};
-//! use network::telemetry::{TelemetryMessage, Publisher, TelemetrySettings, Watcher};
+//! use network::telemetry::{Publisher, TelemetryMessage, TelemetrySettings, Watcher};
 //! use std::time::Duration;
 //!
 //! let settings = TelemetrySettings {
@@ -31,7 +31,8 @@
 //!     }
 //! };
 //! assert_eq!((received.robot.as_str(), received.period_nanos), ("mecanum", 100_000_000));
-//! assert!(matches!(received.message, TelemetryMessage::State(state) if state.stamp.kind == PlantState::KIND));
+//! let TelemetryMessage::State(state) = received.message else { panic!("a state was sent") };
+//! assert_eq!(state.stamp.kind, PlantState::KIND);
 //! # Ok::<(), network::telemetry::TelemetryError>(())
 //! ```
 

@@ -1,13 +1,13 @@
 //! The believed parameters of an omnidirectional base: wheels, response and limits.
 //!
-//! | module         | what it holds                                                    |
-//! |----------------|------------------------------------------------------------------|
-//! | `map`          | [`Map`]: known obstacles, zones and the border of the area       |
-//! | `obstacle`     | [`Obstacle`]: a shape that moves                                 |
-//! | `robot`        | [`Robot`]: the content of a robot file, and its checks           |
-//! | `shape`        | [`Shape`]: footprints and obstacles, and the distance between them |
-//! | `tracking_limit` | [`TrackingLimit`]: a number, `"none"` or the default           |
-//! | `wheels`       | [`Wheels`]: where they are, and wheel speeds from body velocity and back |
+//! | module           | what it holds                                                            |
+//! |------------------|--------------------------------------------------------------------------|
+//! | `map`            | [`Map`]: known obstacles, zones and the border of the area               |
+//! | `obstacle`       | [`Obstacle`]: a shape that moves                                         |
+//! | `robot`          | [`Robot`]: the content of a robot file, and its checks                   |
+//! | `shape`          | [`Shape`]: footprints and obstacles, and the distance between them       |
+//! | `tracking_limit` | [`TrackingLimit`]: a number, `"none"` or the default                     |
+//! | `wheels`         | [`Wheels`]: where they are, and wheel speeds from body velocity and back |
 //!
 //! Frame: x forward, y left, yaw counter-clockwise (REP-103). SI units. The wheels have the order
 //! of the robot file.

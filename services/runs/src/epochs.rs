@@ -143,7 +143,7 @@ mod tests {
         assert_eq!(
             epochs.give(Participant::Controller)?,
             1,
-            "it may have died before it was received"
+            "it may have died before its first message"
         );
         epochs.observe(Participant::Controller, 9)?;
         epochs.observe(Participant::Controller, 3)?;

@@ -121,7 +121,7 @@ fn supervise(
                 others.for_each(HostLaunch::ask_to_end);
             }
         }
-        // The other hosts receive of the plant's end by themselves, and end in order.
+        // The other hosts learn of the plant's end by themselves, and end in order.
         if finished.is_some_and(|since| since.elapsed() > ENDS_WITHIN) {
             let others = launches.iter_mut().filter(|launch| !launch.is_asked);
             others.for_each(HostLaunch::ask_to_end);

@@ -153,7 +153,7 @@ mod tests {
             };
             watchdog.is_fed(received, begin + EVERY * seconds)
         };
-        assert!(!fed(0, (1, 5), None), "nothing has been received of the controller");
+        assert!(!fed(0, (1, 5), None), "nothing has been received from the controller");
         assert!(fed(1, (1, 6), Some((2, 1))));
         assert!(!fed(1, (1, 7), Some((2, 2))), "it is not time");
         assert!(!fed(2, (1, 8), Some((2, 1))), "the controller hangs");

@@ -1,6 +1,6 @@
 //! The interface of a carrier: it moves bytes from one sender to every receiver of its topic. It
-//! does not know messages, which are encoded as in memory ([`frame`](protocol::frame)): their lengths
-//! are multiples of 8 bytes.
+//! does not know messages, which are encoded as in memory ([`frame`](protocol::frame)): their
+//! lengths are multiples of 8 bytes.
 
 use super::{ReceiveError, SendError};
 use std::time::Duration;

@@ -1,13 +1,13 @@
 //! Fault injection: a carrier between [`Source`](super::Source) or [`Sink`](super::Sink) and the
 //! real one. It loses, delays and damages messages as the settings specify.
 //!
-//! | file       | what it holds                                                      |
-//! |------------|--------------------------------------------------------------------|
-//! | `anatomy`  | takes a message apart and seals it again                           |
-//! | `stage`    | one fault on one link: what it makes of each message               |
-//! | `chain`    | all faults of one link, one behind the other, and what they hold   |
-//! | `carrier`  | the receiver and the sender around the real ones                      |
-//! | `random`   | the seeded generator that every fault has of its own               |
+//! | file      | what it holds                                                    |
+//! |-----------|------------------------------------------------------------------|
+//! | `anatomy` | takes a message apart and seals it again                         |
+//! | `stage`   | one fault on one link: what it makes of each message             |
+//! | `chain`   | all faults of one link, one behind the other, and what they hold |
+//! | `carrier` | the receiver and the sender around the real ones                 |
+//! | `random`  | the seeded generator that every fault has of its own             |
 //!
 //! Every decision depends on the seed, the rule, the link and the messages alone, never on a clock.
 //! Only the release of a message that is held back for a time depends on one. A reader releases

@@ -1,16 +1,16 @@
 //! Transport of messages: [`Sink`] and [`Source`] over every carrier.
 //!
-//! | file             | what it holds                                                             |
-//! |------------------|---------------------------------------------------------------------------|
-//! | `links`          | [`Links`]: how the links of one graph run, as a setting                   |
-//! | `error`          | one error enum per operation                                              |
-//! | `sink`, `source` | stamping, sequence, decoding, counting: written once, for every carrier   |
-//! | `sequence`       | who was received, up to where: what is lost and what is stale                |
-//! | `carrier`        | what a carrier must do: move bytes                                        |
-//! | `memory`         | the carrier inside one process, for tests and experiments                 |
-//! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2           |
-//! | `faults`         | what is lost, delayed and damaged on purpose, with the feature `faults`   |
-//! | `watched`        | in lock step, the second sender for those who only look on                |
+//! | file             | what it holds                                                           |
+//! |------------------|-------------------------------------------------------------------------|
+//! | `links`          | [`Links`]: how the links of one graph run, as a setting                 |
+//! | `error`          | one error enum per operation                                            |
+//! | `sink`, `source` | stamping, sequence, decoding, counting: written once, for every carrier |
+//! | `sequence`       | latest message of each writer: what is lost and what is stale           |
+//! | `carrier`        | what a carrier must do: move bytes                                      |
+//! | `memory`         | the carrier inside one process, for tests and experiments               |
+//! | `shared_memory`  | the carrier between the processes of one machine, over iceoryx2         |
+//! | `faults`         | what is lost, delayed and damaged on purpose, with the feature `faults` |
+//! | `watched`        | in lock step, the second sender for those who only look on              |
 //!
 //! ```
 //! use protocol::message::Credit;

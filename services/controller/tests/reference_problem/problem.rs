@@ -1,12 +1,12 @@
 //! The problem that peers are measured on: a base that lags behind its input, a Gaussian process of
 //! the residual, a winding reference, and a push every forty periods.
 //!
-//! | here          | what                                                         |
-//! |---------------|--------------------------------------------------------------|
-//! | [`main_model`] | v̇ = (u − v)/τ by Runge–Kutta                                |
-//! | [`Processes`] | g(v, u), three processes with fixed hyperparameters          |
-//! | [`settings`], [`inputs`] | weights and limits                                |
-//! | [`plant`], [`reference`], [`kick`] | the world                               |
+//! | here                               | what                                                |
+//! |------------------------------------|-----------------------------------------------------|
+//! | [`main_model`]                     | v̇ = (u − v)/τ by Runge–Kutta                       |
+//! | [`Processes`]                      | g(v, u), three processes with fixed hyperparameters |
+//! | [`settings`], [`inputs`]           | weights and limits                                  |
+//! | [`plant`], [`reference`], [`kick`] | the world                                           |
 
 #[path = "../../../model/tests/reference_problem/gp_data.rs"]
 pub(crate) mod gp_data;

@@ -1,14 +1,14 @@
 //! Covariance of samples under a kernel, and its Cholesky factor.
 //!
-//! | here           | in the equations       | size                  |
-//! |----------------|------------------------|-----------------------|
-//! | `scaled`       | xᵢ / ℓ                 | D arrays of `n`       |
-//! | `local`        | S = σ² exp(…)          | `n` × `n`, lower half |
-//! | `place`        | P = π² exp(…)          | `n` × `n`, lower half |
-//! | `gram`         | G = 1 + X Xᵀ           | `n` × `n`, lower half |
-//! | `sum`          | K = S + λ² G + P       | `n` × `n`, lower half |
-//! | `noise_scale`  | s: noise of a sample over σₙ² | `n`                  |
-//! | `factor`       | L, L Lᵀ = K + σₙ² diag(s) + jitter I | `n` × `n`, lower half |
+//! | here          | in the equations                     | size                  |
+//! |---------------|--------------------------------------|-----------------------|
+//! | `scaled`      | xᵢ / ℓ                               | D arrays of `n`       |
+//! | `local`       | S = σ² exp(…)                        | `n` × `n`, lower half |
+//! | `place`       | P = π² exp(…)                        | `n` × `n`, lower half |
+//! | `gram`        | G = 1 + X Xᵀ                         | `n` × `n`, lower half |
+//! | `sum`         | K = S + λ² G + P                     | `n` × `n`, lower half |
+//! | `noise_scale` | s: noise of a sample over σₙ²        | `n`                   |
+//! | `factor`      | L, L Lᵀ = K + σₙ² diag(s) + jitter I | `n` × `n`, lower half |
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt;

@@ -1,10 +1,10 @@
 //! The bounded data set of the learner: it keeps informative samples, forgets outdated ones, and
 //! rejects outliers.
 //!
-//! | here              | in the equations                                      | size    |
-//! |-------------------|-------------------------------------------------------|---------|
-//! | `inverse`         | P = C⁻¹, C = K + σₙ² diag(s), of one selection kernel | `n` × `n` |
-//! | `noise_scale`     | s = 1 + age / τ + doubt: noise that grows with age    | `n`     |
+//! | here          | in the equations                                      | size      |
+//! |---------------|-------------------------------------------------------|-----------|
+//! | `inverse`     | P = C⁻¹, C = K + σₙ² diag(s), of one selection kernel | `n` × `n` |
+//! | `noise_scale` | s = 1 + age / τ + doubt: noise that grows with age    | `n`       |
 //!
 //! **Which sample is dropped.** 1/Pᵢᵢ is the variance of sample i predicted from all others, noise
 //! included. So sample i adds the information ½ ln(1/(Pᵢᵢ sᵢ σₙ²)). When the set is full, the

@@ -1,10 +1,10 @@
 //! The inverse of a covariance, updated at O(n²) when a sample is inserted or removed.
 //!
-//! | here       | in the equations                       | size    |
-//! |------------|----------------------------------------|---------|
-//! | `values`   | P = C⁻¹, C the covariance with noise   | `n` × `n` |
-//! | `solved`   | P c, c the covariances with a new one  | `n`     |
-//! | `left`     | s = c₀ − cᵀP c, c₀ its own variance    |         |
+//! | here     | in the equations                      | size      |
+//! |----------|---------------------------------------|-----------|
+//! | `values` | P = C⁻¹, C the covariance with noise  | `n` × `n` |
+//! | `solved` | P c, c the covariances with a new one | `n`       |
+//! | `left`   | s = c₀ − cᵀP c, c₀ its own variance   |           |
 //!
 //! ```text
 //! in    P ← [P + P c cᵀP / s,  −P c / s;  −cᵀP / s,  1 / s]
