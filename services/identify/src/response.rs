@@ -131,6 +131,23 @@ pub struct Motion {
     pub integral: Velocity,
 }
 
+/// A step of a simulation: its length, and the share of the way to a constant target that each axis
+/// covers in it, 1 − exp(−length/τ).
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    length_s: f64,
+    share: Velocity,
+}
+
+impl Step {
+    fn of(response: &Response, length_s: f64) -> Self {
+        Self {
+            length_s,
+            share: response.time_constant_s.map(|constant| 1.0 - (-length_s / constant).exp()),
+        }
+    }
+}
+
 /// Simulates responses on one stretch of a log.
 #[derive(Debug)]
 pub struct Simulation<'a> {
@@ -183,24 +200,25 @@ impl<'a> Simulation<'a> {
         self.run(response, Motion { velocity, ..Motion::default() }, 0, self.samples.len())
     }
 
-    /// The motion from `begin` at sample `from` on, one item per period, for at most `steps`
-    /// periods.
+    /// The motion from `begin` at sample `from` on, one item per period, for at most this number of
+    /// `periods`.
     pub fn run(
         &self,
         response: &Response,
         begin: Motion,
         from: usize,
-        steps: usize,
+        periods: usize,
     ) -> Vec<Motion> {
         let parts = (self.period_s / STEP_MAX_S).ceil().max(1.0);
-        let step = self.period_s / parts;
+        let step_s = self.period_s / parts;
+        let steps = [0.5 * step_s, step_s].map(|step_s| Step::of(response, step_s));
         let mut motion = begin;
         let last = self.samples.len().saturating_sub(1);
-        (from..last.min(from + steps))
+        (from..last.min(from + periods))
             .map(|number| {
                 for part in 0..parts as usize {
-                    let time = number as f64 * self.period_s + part as f64 * step;
-                    motion = self.step(response, motion, time, step);
+                    let time = number as f64 * self.period_s + part as f64 * step_s;
+                    motion = self.step(response, motion, time, &steps);
                 }
                 motion
             })
@@ -209,19 +227,25 @@ impl<'a> Simulation<'a> {
 
     /// One step by the midpoint rule: what couples the axes is taken from the motion half a step
     /// later. Each axis by itself is an exact exponential.
-    fn step(&self, response: &Response, motion: Motion, time: f64, step: f64) -> Motion {
-        let middle = self.half_step(response, motion, motion, time, 0.5 * step);
-        self.half_step(response, motion, middle, time, step)
+    fn step(
+        &self,
+        response: &Response,
+        motion: Motion,
+        time: f64,
+        [half, whole]: &[Step; 2],
+    ) -> Motion {
+        let middle = self.after(response, motion, motion, time, half);
+        self.after(response, motion, middle, time, whole)
     }
 
-    /// The motion `step` \[s\] after `motion`, with what couples the axes taken at `middle`.
-    fn half_step(
+    /// The motion a `step` after `motion`, with what couples the axes taken at `middle`.
+    fn after(
         &self,
         response: &Response,
         motion: Motion,
         middle: Motion,
         time: f64,
-        step: f64,
+        step: &Step,
     ) -> Motion {
         let at = middle.velocity;
         let (friction, stiffness) = self.friction(response, &at);
@@ -231,7 +255,7 @@ impl<'a> Simulation<'a> {
         let drag = [drag * ahead, drag * side, 0.0];
         let mut next = motion;
         for axis in 0..AXES {
-            let asked = self.mean_input(time - response.dead_time_s[axis], step);
+            let asked = self.mean_input(time - response.dead_time_s[axis], step.length_s);
             let input = self.driven(response.saturation_mps, &asked, &at);
             // As an input that would accelerate the axis as much.
             let turning = response.turning * response.time_constant_s[axis] * frame[axis];
@@ -247,15 +271,15 @@ impl<'a> Simulation<'a> {
             let before = motion.velocity[axis];
             // The friction may be far stiffer than the axis: it is linearised, and its mean over
             // the step is that at its middle.
-            let share = 1.0 - (-step / response.time_constant_s[axis]).exp();
+            let share = step.share[axis];
             let ahead = stiffness[axis] * (at[axis] - before);
             let change = share * (target - before + ahead) / (1.0 + 0.5 * share * stiffness[axis]);
             let speeds_up = change * before >= 0.0;
             let limit = if speeds_up { &response.acceleration } else { &response.braking };
-            let most = limit[axis] * step;
+            let most = limit[axis] * step.length_s;
             next.velocity[axis] = before + change.clamp(-most, most);
             let behind = response.gain[axis][axis] * input[axis] - at[axis];
-            next.integral[axis] += response.integral_per_s[axis] * step * behind;
+            next.integral[axis] += response.integral_per_s[axis] * step.length_s * behind;
         }
         next
     }
@@ -295,10 +319,11 @@ impl<'a> Simulation<'a> {
     fn friction(&self, response: &Response, velocity: &Velocity) -> (Velocity, Velocity) {
         let scale = response.friction_speed_mps;
         let (mut sums, mut slopes) = ([0.0; AXES], [0.0; AXES]);
+        let sticks = response.stiction != [0.0; AXES];
         let mut roll = |row: &Velocity| {
             let rim = row[0] * velocity[0] + row[1] * velocity[1] + row[2] * velocity[2];
             let share = (rim / scale).tanh();
-            let slow = (-(rim / STICTION_SPEED_MPS).powi(2)).exp();
+            let slow = if sticks { (-(rim / STICTION_SPEED_MPS).powi(2)).exp() } else { 0.0 };
             for axis in 0..AXES {
                 let most = response.friction[axis] + response.stiction[axis] * slow;
                 sums[axis] += row[axis] * most * share;
