@@ -179,8 +179,8 @@ mod tests {
         Run::new(folder, 1, Links::on_this_machine("orders", folder.to_owned(), lock_step, 0))
     }
 
-    /// Outcome of the order `given` when the control thread replies to every order with `outcome` at
-    /// tick 7.
+    /// Outcome of the order `given` when the control thread replies to every order with `outcome`
+    /// at tick 7.
     fn settled(
         given: &str,
         lock_step: bool,

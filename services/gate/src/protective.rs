@@ -1,16 +1,18 @@
 //! Protective stop: the largest share of a twist with which the footprint still stops in time.
 //!
-//! | here                     | in the equations | meaning                                            |
-//! |--------------------------|------------------|----------------------------------------------------|
-//! | `share`                  | s                | factor of the whole twist, 0 to 1                  |
-//! | `velocity_mps`           | v                | planar part of the full twist, in the world        |
-//! | `yaw_radps`              | ω                | its yaw rate                                       |
-//! | `stop_m`                 | q                | way of its braking ramp, in the world              |
-//! | `arms_m`                 | r                | from the origin of the body to a corner            |
-//! | `left_over`              | v₀, ω₀           | motion that the robot may still have               |
-//! | `distance_m`, `normal`   | d, n             | of a straight border that parts robot and obstacle |
-//! | `approach_mps`           | w                | own speed of the obstacle along −n, at least 0     |
-//! | `response_s`, `period_s` | τ, T             | response time of the robot, control period         |
+//! | here           | in the equations | meaning                                            |
+//! |----------------|------------------|----------------------------------------------------|
+//! | `share`        | s                | factor of the whole twist, 0 to 1                  |
+//! | `velocity_mps` | v                | planar part of the full twist, in the world        |
+//! | `yaw_radps`    | ω                | its yaw rate                                       |
+//! | `stop_m`       | q                | way of its braking ramp, in the world              |
+//! | `arms_m`       | r                | from the origin of the body to a corner            |
+//! | `left_over`    | v₀, ω₀           | motion that the robot may still have               |
+//! | `distance_m`   | d                | of a straight border that parts robot and obstacle |
+//! | `normal`       | n                | of this border                                     |
+//! | `approach_mps` | w                | own speed of the obstacle along −n, at least 0     |
+//! | `response_s`   | τ                | response time of the robot                         |
+//! | `period_s`     | T                | control period                                     |
 //!
 //! Two convex shapes that do not touch lie on two sides of a straight border. As long as no corner
 //! of the footprint has moved by more than d along n, they do not touch. So it is sufficient that

@@ -82,8 +82,8 @@ impl ServiceManager {
         self.say("READY=1");
     }
 
-    /// Resets the watchdog at `now`, if it is due and the loops have run. `received` returns a role's
-    /// process and its heartbeats.
+    /// Resets the watchdog at `now`, if it is due and the loops have run. `received` returns a
+    /// role's process and its heartbeats.
     pub fn feed(&mut self, received: impl FnMut(Participant) -> Option<(u32, u64)>, now: Instant) {
         if self.watchdog.as_mut().is_some_and(|watchdog| watchdog.is_fed(received, now)) {
             self.say("WATCHDOG=1");
