@@ -93,7 +93,8 @@ def resolve(name, near, all_items):
     """The item of this name that the code of `near` means, or the one that it is read as."""
     found = meant(name, near, all_items)
     read_as = found and re.search(r'try_from = "(\w+)"', found.attributes)
-    return resolve(read_as[1], found, all_items) if read_as else found
+    # What only an error needs is private.
+    return (read_as and resolve(read_as[1], found, all_items)) or found
 
 
 def meant(name, near, all_items):

@@ -68,7 +68,22 @@ fn each_wrong_setting_is_named_with_its_file_and_line_and_nothing_is_started() -
             "robots/mecanum.toml",
             "radius_m = 0.05",
             "radius_m = 0.0",
-            ["mecanum.toml:", "radius_m", "0.0001"],
+            ["mecanum.toml:6: wheels.mecanum.radius_m = 0.0", "0.0001", ""],
+        ),
+        (
+            "robots/mecanum.toml",
+            "[wheels.mecanum]",
+            "[wheels.omni]\nradius_m = 0.05\ncentre_to_wheel_m = 0.2\ncount = 3\n\n\
+             [wheels.mecanum]",
+            ["mecanum.toml:", "mecanum and omni", "twist"],
+        ),
+        (
+            "robots/mecanum.toml",
+            "[wheels.mecanum]\nradius_m = 0.05     # the paper's r, table 1\n\
+             wheelbase_m = 0.25  # twice the paper's b, table 1\n\
+             track_m = 0.3       # twice the paper's a, table 1\n",
+            "[wheels.omni]\nradius_m = 0.05\ncentre_to_wheel_m = 0.2\ncount = 2\n",
+            ["mecanum.toml:", "wheels.omni.count = 2", "3 to 8"],
         ),
         (
             "graphs/local.toml",

@@ -83,9 +83,25 @@ fn driven(script: &Path, access: Access, arguments: &[&str]) -> Result<Driven, B
     Ok(Driven { text, told: ended.text, home })
 }
 
+/// `robot.py` beside the package that pip has installed, far from its source.
+fn installed() -> Result<TempDir, Box<dyn Error>> {
+    let (source, installed) = (tempfile::tempdir()?, tempfile::tempdir()?);
+    for name in ["coxswain", "pyproject.toml", "README.md"] {
+        // Not the original: pip leaves files beside it.
+        text_of(Command::new("cp").arg("-r").arg(clients().join(name)).arg(source.path()))?;
+    }
+    let mut pip = Command::new(python()?);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]);
+    text_of(pip.arg("--target").arg(installed.path()).arg(source.path()))?;
+    fs::copy(clients().join("robot.py"), installed.path().join("robot.py"))?;
+    Ok(installed)
+}
+
 #[test]
 fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outcome {
-    let text = driven(&clients().join("robot.py"), Access::Open, &[])?.text;
+    let installed = installed()?;
+    assert!(installed.path().join("coxswain/py.typed").is_file());
+    let text = driven(&installed.path().join("robot.py"), Access::Open, &[])?.text;
     let summary: serde_json::Value =
         serde_json::from_str(text.lines().last().ok_or("the robot said nothing")?)?;
     assert_eq!(text.lines().count(), 16, "a line for each of 15 s, and the summary: {text}");

@@ -294,18 +294,19 @@ fn join(near: TcpStream, port: u16, cable: &Arc<Mutex<Cable>>) -> io::Result<()>
 fn forward(mut from: &TcpStream, mut to: &TcpStream, cable: &Mutex<Cable>) -> io::Result<()> {
     let mut buffer = vec![0; COPIED_BYTES];
     let mut is_free_at = Instant::now();
+    let now = || *cable.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
-        let state = *cable.lock().unwrap_or_else(PoisonError::into_inner);
-        let most = match state {
-            Cable::Gone => return Ok(()),
-            Cable::Pulled => {
-                thread::sleep(LOOK);
-                continue;
+        let most = if matches!(now(), Cable::Slow(_)) { PACKET_BYTES } else { COPIED_BYTES };
+        let read = from.read(buffer.get_mut(..most).unwrap_or_default());
+        // A pulled cable keeps what arrives, also what a read from before returns, and an end.
+        let state = loop {
+            match now() {
+                Cable::Gone => return Ok(()),
+                Cable::Pulled => thread::sleep(LOOK),
+                state => break state,
             }
-            Cable::Slow(_) => PACKET_BYTES,
-            Cable::Plugged | Cable::OtherVersion => COPIED_BYTES,
         };
-        let count = match from.read(buffer.get_mut(..most).unwrap_or_default()) {
+        let count = match read {
             Ok(0) => return Ok(()),
             Ok(count) => count,
             Err(error)

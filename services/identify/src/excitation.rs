@@ -1,15 +1,16 @@
-//! A motion that tells the parameters apart: steps and sines of velocity, one axis after the other
-//! and all together, within a rectangle.
+//! A motion that tells the parameters apart: steps and sines of velocity, on one axis and on all
+//! together, within a rectangle. Forward, then left, then yaw:
 //!
 //! | share of the time | motion                                                            |
 //! |-------------------|-------------------------------------------------------------------|
-//! | 45 %              | steps: forward, then left, then yaw                               |
-//! | 15 %              | a sum of five sines: forward, then left, then yaw                 |
-//! | 40 %              | steps on all axes at once                                         |
+//! | 15 %              | steps                                                             |
+//! | 5 %               | a sum of five sines                                               |
+//! | 13 %              | steps on all axes at once                                         |
 //!
-//! It begins and ends at rest. A step is as steep as the acceleration allows, and lasts 0.3 to
-//! 1.2 s longer, so that a robot reaches its steady speed in some and not in others. A step that
-//! would leave the rectangle is replaced by one towards its middle.
+//! So each part of a drive shows a little of everything. It begins and ends at rest. A step is as
+//! steep as the acceleration allows, and lasts 0.3 to 1.2 s longer, so that a robot reaches its
+//! steady speed in some and not in others. A step that would leave the rectangle is replaced by one
+//! towards its middle.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -46,6 +47,10 @@ pub const UNUSED: f64 = 0.3;
 const YAW_MAX: f64 = 1.5;
 /// Shortest and longest step \[s\].
 const HOLD_S: [f64; 2] = [0.3, 1.2];
+/// Length of a step to full speed, and of the one that reverses it, and so ends where it began \[s\].
+const FULL_S: f64 = 0.6;
+/// Speeds of the other steps, as shares of the full speed.
+const LEVELS: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 /// Rest at both ends \[s\].
 const REST_S: f64 = 1.0;
 /// Frequencies of the sines \[Hz\].
@@ -66,11 +71,9 @@ pub fn motion(room: &Room, duration_s: f64, period_s: f64, seed: u64) -> Vec<Poi
     plan.hold([0.0; AXES], REST_S);
     for axis in 0..AXES {
         plan.steps(std::array::from_fn(|other| other == axis), 0.15 * moving);
-    }
-    for axis in 0..AXES {
         plan.sines(axis, 0.05 * moving);
+        plan.steps([true; AXES], 0.4 / AXES as f64 * moving);
     }
-    plan.steps([true; AXES], 0.4 * moving);
     plan.hold([0.0; AXES], REST_S);
     plan.points
 }
@@ -95,17 +98,27 @@ impl Plan<'_> {
         [planar, planar, self.room.yaw_rate_radps]
     }
 
-    /// Steps on `axes` for `time` \[s\], and then rest.
+    /// Steps on `axes` for `time` \[s\], and then rest. The first step is to full speed, and the
+    /// second one reverses it: nothing asks more of the drives.
     fn steps(&mut self, axes: [bool; AXES], time: f64) {
         let mut left = time - self.ramp_s();
+        let planar = if axes[0] && axes[1] { FRAC_1_SQRT_2 } else { 1.0 };
+        let mut number = 0;
+        let mut velocity = [0.0; AXES];
         while left > HOLD_S[0] {
-            let hold = (self.random.random_range(HOLD_S[0]..HOLD_S[1]) + self.ramp_s()).min(left);
-            let planar = if axes[0] && axes[1] { FRAC_1_SQRT_2 } else { 1.0 };
-            let tried = (0..TRIES).map(|_| self.step(axes, planar)).collect::<Vec<_>>();
+            let hold =
+                if number < 2 { FULL_S } else { self.random.random_range(HOLD_S[0]..HOLD_S[1]) };
+            let hold = (hold + self.ramp_s()).min(left);
+            let tried: Vec<Velocity> = match number {
+                0 => self.full_steps(axes, planar),
+                1 => vec![velocity.map(|speed| -speed)],
+                _ => (0..TRIES).map(|_| self.step(axes, planar)).collect(),
+            };
             let fits = tried.into_iter().find(|&velocity| self.stays(velocity, hold));
-            let velocity = fits.unwrap_or_else(|| self.inwards(axes, planar, hold));
+            velocity = fits.unwrap_or_else(|| self.inwards(axes, planar, hold));
             self.hold(velocity, hold);
             left -= hold;
+            number += 1;
         }
         self.hold([0.0; AXES], left.max(0.0) + self.ramp_s());
     }
@@ -116,13 +129,30 @@ impl Plan<'_> {
         times.fold(0.0, f64::max)
     }
 
+    /// Full speed on `axes`, in each direction, from a random one on.
+    fn full_steps(&mut self, axes: [bool; AXES], planar: f64) -> Vec<Velocity> {
+        let first = self.random.random_range(0..1 << AXES);
+        let signs = (0..1 << AXES).map(|number| first ^ number);
+        let level = |signs: usize, axis: usize| if signs >> axis & 1 == 0 { 1.0 } else { -1.0 };
+        signs
+            .map(|signs| {
+                self.velocity_of(std::array::from_fn(|axis| level(signs, axis)), axes, planar)
+            })
+            .collect()
+    }
+
     /// A random step: half or full speed, either way, or rest.
     fn step(&mut self, axes: [bool; AXES], planar: f64) -> Velocity {
+        let levels = [(); AXES].map(|()| LEVELS[self.random.random_range(0..LEVELS.len())]);
+        self.velocity_of(levels, axes, planar)
+    }
+
+    /// These shares of the full speed on `axes`.
+    fn velocity_of(&self, levels: Velocity, axes: [bool; AXES], planar: f64) -> Velocity {
         let largest = self.largest();
         std::array::from_fn(|axis| {
-            let level = [-1.0, -0.5, 0.0, 0.5, 1.0][self.random.random_range(0..5)];
             let factor = if axis < 2 { planar } else { 1.0 };
-            if axes[axis] { level * factor * largest[axis] } else { 0.0 }
+            if axes[axis] { levels[axis] * factor * largest[axis] } else { 0.0 }
         })
     }
 
@@ -267,9 +297,13 @@ mod tests {
                 // Steps are predicted with a coarser time than they are made.
                 let inside = x.abs() <= 0.72 && y.abs() <= 0.55 && yaw.abs() <= 1.55;
                 assert!(inside, "{:?}", pair[1]);
-                for axis in 0..AXES {
-                    let speed = (pair[1].pose[axis] - pair[0].pose[axis]).abs() / 0.02;
-                    fastest[axis] = fastest[axis].max(speed);
+                let [from, to] = [pair[0].pose, pair[1].pose];
+                let [dx, dy, turn] = [0, 1, 2].map(|axis| (to[axis] - from[axis]) / 0.02);
+                let (sin, cos) = (0.5 * (from[2] + to[2])).sin_cos();
+                for (axis, speed) in
+                    [cos * dx + sin * dy, cos * dy - sin * dx, turn].iter().enumerate()
+                {
+                    fastest[axis] = fastest[axis].max(speed.abs());
                 }
             }
             // A slow robot has no room for its full speed in every direction.

@@ -341,9 +341,9 @@ impl<'a> Fit<'a> {
             (0..AXES).map(|axis| {
                 let error = error[axis] / self.scale[axis];
                 let size = error / LARGE;
-                let counted = LARGE * (2.0 * ((1.0 + size * size).sqrt() - 1.0)).sqrt();
+                let counted = error * (2.0 / (1.0 + (1.0 + size * size).sqrt())).sqrt();
                 // A simulation that diverges must stay a number.
-                if counted.is_finite() { counted.copysign(error) } else { 1e6 }
+                if counted.is_finite() { counted } else { 1e6 }
             })
         });
         // One error in so many is independent, and the prior weighs as much as that one.

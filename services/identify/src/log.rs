@@ -56,6 +56,8 @@ pub struct Log {
     pub period_s: f64,
     /// In the order of time.
     pub stretches: Vec<Stretch>,
+    /// The files that they are from, each with its number of stretches.
+    pub files: Vec<(PathBuf, usize)>,
     /// Number of wheels whose speeds are measured; 0 if none are.
     pub wheels: usize,
     /// What was left out, and where.
@@ -144,10 +146,13 @@ pub enum LogError {
     Twice(PathBuf),
     /// Velocity and pose contradict each other.
     #[error(
-        "{axis}: the velocity is {factor:.3} times what the pose says (rms {velocity:.4} and \
-         {from_pose:.4}): expected m, rad, m/s and rad/s, and the velocity in the body's frame"
+        "{}: {axis}: the velocity is {factor:.3} times what the pose says (rms {velocity:.4} and \
+         {from_pose:.4}): expected m, rad, m/s and rad/s, and the velocity in the body's frame",
+        path.display()
     )]
     Unit {
+        /// The file.
+        path: PathBuf,
         /// Name of the axis.
         axis: &'static str,
         /// Ratio of the two.
@@ -159,10 +164,13 @@ pub enum LogError {
     },
     /// The input has another unit.
     #[error(
-        "{axis}: the input is {factor:.3} times the velocity (rms {input:.4} and {velocity:.4}): \
-         expected both in m/s, and in rad/s for yaw"
+        "{}: {axis}: the input is {factor:.3} times the velocity (rms {input:.4} and \
+         {velocity:.4}): expected both in m/s, and in rad/s for yaw",
+        path.display()
     )]
     InputUnit {
+        /// The file.
+        path: PathBuf,
         /// Name of the axis.
         axis: &'static str,
         /// Ratio of the two.
@@ -184,11 +192,14 @@ pub enum LogError {
     },
     /// The wheel speeds have another unit, order or sign.
     #[error(
-        "{axis}: by the wheel speeds the velocity is {factor:.3} times the measured one (rms \
+        "{}: {axis}: by the wheel speeds the velocity is {factor:.3} times the measured one (rms \
          {by_wheels:.4} and {velocity:.4}): expected rad/s, in the order and with the signs of the \
-         robot file"
+         robot file",
+        path.display()
     )]
     WheelUnit {
+        /// The file.
+        path: PathBuf,
         /// Name of the axis.
         axis: &'static str,
         /// Ratio of the two.
@@ -262,7 +273,17 @@ impl Log {
 
     /// Measured velocity, rms \[m/s, m/s, rad/s\].
     pub fn speed(&self) -> Velocity {
-        check::rms(self, |_, sample| sample.velocity)
+        check::rms(&self.stretches, self.period_s, |_, sample| sample.velocity)
+    }
+
+    /// Each file with its stretches.
+    fn by_file(&self) -> impl Iterator<Item = (&Path, &[Stretch])> {
+        let mut rest = &self.stretches[..];
+        self.files.iter().map(move |(path, count)| {
+            let (of_file, others) = rest.split_at((*count).min(rest.len()));
+            rest = others;
+            (path.as_path(), of_file)
+        })
     }
 
     /// The first `share` of each stretch.
@@ -291,6 +312,7 @@ impl Log {
         }
         self.wheels = found.max(expected);
         self.period_s = part.period_s;
+        self.files.push((path.to_owned(), part.stretches.len()));
         self.stretches.extend(part.stretches);
         self.notes.extend(part.notes);
         self.is_stopped |= part.is_stopped;
@@ -300,7 +322,7 @@ impl Log {
 
 /// Axes on which the input moves the robot.
 pub fn moved(log: &Log) -> [bool; AXES] {
-    let input = check::rms(log, |_, sample| sample.input);
+    let input = check::rms(&log.stretches, log.period_s, |_, sample| sample.input);
     std::array::from_fn(|axis| input[axis] > check::STANDING[axis])
 }
 
@@ -425,7 +447,7 @@ impl Cutter {
             notes.push(format!("{}: and {more} more", self.name));
         }
         let Self { period_s, done: stretches, wheels, is_stopped, .. } = self;
-        Log { period_s, stretches, wheels, notes, is_stopped }
+        Log { period_s, stretches, wheels, notes, is_stopped, ..Log::default() }
     }
 }
 

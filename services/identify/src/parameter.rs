@@ -128,14 +128,6 @@ impl Parameter {
         if self.is_positive() { self.of(response) } else { 1.0 }
     }
 
-    /// Change of the free number for a numerical derivative.
-    pub const fn step(self) -> f64 {
-        match self {
-            Self::DeadTime(_) => 1e-5,
-            _ => 1e-4,
-        }
-    }
-
     /// Unit of the value.
     pub const fn unit(self) -> &'static str {
         match self {

@@ -146,6 +146,12 @@ impl Step {
             share: response.time_constant_s.map(|constant| 1.0 - (-length_s / constant).exp()),
         }
     }
+
+    /// Mean inputs of a step, of the integrals at its begin and at its end.
+    fn inputs(&self, begin: &[Velocity; AXES], end: &[Velocity; AXES]) -> [Velocity; AXES] {
+        let mean = |axis: usize, of: usize| (end[axis][of] - begin[axis][of]) / self.length_s;
+        std::array::from_fn(|axis| std::array::from_fn(|of| mean(axis, of)))
+    }
 }
 
 /// Simulates responses on one stretch of a log.
@@ -212,13 +218,17 @@ impl<'a> Simulation<'a> {
         let parts = (self.period_s / STEP_MAX_S).ceil().max(1.0);
         let step_s = self.period_s / parts;
         let steps = [0.5 * step_s, step_s].map(|step_s| Step::of(response, step_s));
-        let mut motion = begin;
         let last = self.samples.len().saturating_sub(1);
+        let begin_s = from as f64 * self.period_s;
+        let mut motion = begin;
+        let mut received = self.received(response, begin_s);
         (from..last.min(from + periods))
             .map(|number| {
                 for part in 0..parts as usize {
                     let time = number as f64 * self.period_s + part as f64 * step_s;
-                    motion = self.step(response, motion, time, &steps);
+                    let later = steps.map(|step| self.received(response, time + step.length_s));
+                    motion = self.step(response, motion, &steps, &[received, later[0], later[1]]);
+                    received = later[1];
                 }
                 motion
             })
@@ -226,26 +236,30 @@ impl<'a> Simulation<'a> {
     }
 
     /// One step by the midpoint rule: what couples the axes is taken from the motion half a step
-    /// later. Each axis by itself is an exact exponential.
+    /// later. Each axis by itself is an exact exponential. `received` at the begin, in the middle
+    /// and at the end.
     fn step(
         &self,
         response: &Response,
         motion: Motion,
-        time: f64,
         [half, whole]: &[Step; 2],
+        received: &[[Velocity; AXES]; 3],
     ) -> Motion {
-        let middle = self.after(response, motion, motion, time, half);
-        self.after(response, motion, middle, time, whole)
+        let [begin, middle, end] = received;
+        let to_middle = half.inputs(begin, middle);
+        let at_middle = self.after(response, motion, motion, half, &to_middle);
+        self.after(response, motion, at_middle, whole, &whole.inputs(begin, end))
     }
 
-    /// The motion a `step` after `motion`, with what couples the axes taken at `middle`.
+    /// The motion a `step` after `motion`, with what couples the axes taken at `middle`, and with
+    /// the inputs that reach each axis.
     fn after(
         &self,
         response: &Response,
         motion: Motion,
         middle: Motion,
-        time: f64,
         step: &Step,
+        inputs: &[Velocity; AXES],
     ) -> Motion {
         let at = middle.velocity;
         let (friction, stiffness) = self.friction(response, &at);
@@ -255,8 +269,7 @@ impl<'a> Simulation<'a> {
         let drag = [drag * ahead, drag * side, 0.0];
         let mut next = motion;
         for axis in 0..AXES {
-            let asked = self.mean_input(time - response.dead_time_s[axis], step.length_s);
-            let input = self.driven(response.saturation_mps, &asked, &at);
+            let input = self.driven(response.saturation_mps, &inputs[axis], &at);
             // As an input that would accelerate the axis as much.
             let turning = response.turning * response.time_constant_s[axis] * frame[axis];
             let mut target = response.offset[axis] - friction[axis] - drag[axis]
@@ -300,13 +313,14 @@ impl<'a> Simulation<'a> {
 
     /// How far a rim is behind its command at most \[m/s\].
     pub fn most_behind_mps(&self, response: &Response) -> f64 {
+        let period = Step::of(response, self.period_s);
         let mut most: f64 = 0.0;
         for (number, motion) in self.whole(response).iter().enumerate() {
-            let time = (number + 1) as f64 * self.period_s;
-            let behind: Velocity = std::array::from_fn(|axis| {
-                let asked = self.mean_input(time - response.dead_time_s[axis], self.period_s);
-                asked[axis] - motion.velocity[axis]
-            });
+            let [from, to] = [number + 1, number + 2]
+                .map(|number| self.received(response, number as f64 * self.period_s));
+            let asked = period.inputs(&from, &to);
+            let behind: Velocity =
+                std::array::from_fn(|axis| asked[axis][axis] - motion.velocity[axis]);
             let speeds = self.wheels.speeds(behind);
             for (speed, radius) in speeds.iter().zip(self.wheels.radii_m()) {
                 most = most.max(speed.abs() * radius);
@@ -344,13 +358,13 @@ impl<'a> Simulation<'a> {
         )
     }
 
-    /// Mean input from `time` on, for `step` \[s\] since the first sample. Before the first sample
-    /// and after the last one the input is that of the nearest period.
-    fn mean_input(&self, time: f64, step: f64) -> Velocity {
-        let (from, to) = (self.integral_at(time), self.integral_at(time + step));
-        std::array::from_fn(|axis| (to[axis] - from[axis]) / step)
+    /// Integral of the inputs that have reached each axis at `time` \[s\] since the first sample.
+    fn received(&self, response: &Response, time: f64) -> [Velocity; AXES] {
+        response.dead_time_s.map(|dead_time_s| self.integral_at(time - dead_time_s))
     }
 
+    /// Integral of the input from the first sample to `time` \[m, m, rad\]. Before the first sample
+    /// and after the last one the input is that of the nearest period.
     fn integral_at(&self, time: f64) -> Velocity {
         let place = time / self.period_s;
         let last = self.samples.len().saturating_sub(2);

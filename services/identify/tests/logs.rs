@@ -47,12 +47,20 @@ fn rows(axes: [f64; 3]) -> Vec<[f64; 10]> {
 }
 
 fn table(folder: &TempDir, rows: &[[f64; 10]]) -> Result<PathBuf, Box<dyn Error>> {
+    table_named("log.csv", folder, rows)
+}
+
+fn table_named(
+    name: &str,
+    folder: &TempDir,
+    rows: &[[f64; 10]],
+) -> Result<PathBuf, Box<dyn Error>> {
     let mut text = format!("{HEADER}\n");
     for row in rows {
         let cells: Vec<String> = row.iter().map(f64::to_string).collect();
         writeln!(text, "{}", cells.join(","))?;
     }
-    let path = folder.path().join("log.csv");
+    let path = folder.path().join(name);
     std::fs::write(&path, text)?;
     Ok(path)
 }
@@ -173,6 +181,43 @@ fn a_log_that_cannot_be_used_is_refused_by_its_reason() -> Outcome {
     assert!(matches!(refused(&scaled(7..10, 0.0))?, LogError::NoInput));
     assert!(matches!(refused(&good[..100])?, LogError::TooShort { .. }));
     assert!(matches!(refused(&scaled(0..1, 1e3))?, LogError::Period { .. }));
+    Ok(())
+}
+
+#[test]
+fn one_log_in_another_unit_is_named_among_others() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let good = rows([1.0; 3]);
+    let mut degrees = good.clone();
+    for row in &mut degrees {
+        row[6] *= 57.3;
+    }
+    let names = [("a.csv", &good), ("b.csv", &good), ("c.csv", &degrees), ("d.csv", &good)];
+    let logs: Vec<PathBuf> = names
+        .iter()
+        .map(|(name, rows)| table_named(name, &folder, rows))
+        .collect::<Result<_, _>>()?;
+    let found = Log::read(&logs, &Topics::default())?.check();
+    let Err(LogError::Unit { path, axis: "yaw", .. }) = found else {
+        return Err(format!("{found:?}").into());
+    };
+    assert_eq!(path, logs[2]);
+    Ok(())
+}
+
+#[test]
+fn a_log_in_millimetres_is_faster_than_the_robot() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let mut rows = rows([1.0; 3]);
+    for row in &mut rows {
+        for column in [1, 2, 4, 5, 7, 8] {
+            row[column] *= 1e3;
+        }
+    }
+    let (logs, out) = ([table(&folder, &rows)?], folder.path().join("out"));
+    let found = identify(&logs, &Topics::default(), &Robot::example(), &out, false);
+    assert!(matches!(found, Err(IdentifyError::TooFast { axis: "forward", .. })), "{found:?}");
+    assert!(!out.exists());
     Ok(())
 }
 

@@ -366,6 +366,7 @@ fn twenty_random_robots() -> Outcome {
         assert!(far == 0, "{far} far off");
         let share = f64::from(covered) / f64::from(intervals);
         assert!((0.9..=0.98).contains(&share), "{share}");
+        assert!(worst[4] <= 1.3, "{worst:?}");
     }
     Ok(())
 }

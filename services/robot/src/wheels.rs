@@ -39,11 +39,11 @@ pub type PerWheel = [f64; WHEELS_MAX];
 /// that they cannot drive in one of them.
 const ISOTROPY_MIN: f64 = 0.01;
 
-/// Wheels that no robot can have.
+/// Wheels that no robot can have. Each text names the key in `[wheels]` first.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ImpossibleWheels {
     /// A number out of its range.
-    #[error("expected {key} to be {expected}, not {value}")]
+    #[error("{key}: expected {expected}, not {value}")]
     Value {
         /// The key.
         key: String,
@@ -53,19 +53,33 @@ pub enum ImpossibleWheels {
         expected: &'static str,
     },
     /// Too few or too many.
-    #[error("expected 3 to 8 wheels, not {0}")]
-    Count(usize),
+    #[error("{key}: expected 3 to 8 wheels, not {count}")]
+    Count {
+        /// The key.
+        key: &'static str,
+        /// Number of wheels.
+        count: usize,
+    },
+    /// None, or several that contradict each other.
+    #[error("wheels: expected one of mecanum, omni, list and twist, not {}", joined(.0))]
+    Kinds(Vec<&'static str>),
     /// They cannot drive the robot in every direction.
     #[error(
-        "expected wheels that drive the robot in every direction: 27 det(JᵀJ)/tr(JᵀJ)³ is \
+        "{kind}: expected wheels that drive the robot in every direction: 27 det(JᵀJ)/tr(JᵀJ)³ is \
         {isotropy:.4}, and at least {ISOTROPY_MIN} is needed; J has the rows {rows:?}"
     )]
     Rank {
+        /// The key.
+        kind: &'static str,
         /// Isotropy.
         isotropy: f64,
         /// J.
         rows: Vec<Velocity>,
     },
+}
+
+fn joined(kinds: &[&str]) -> String {
+    if kinds.is_empty() { "none of them".to_owned() } else { kinds.join(" and ") }
 }
 
 /// The wheels of one robot, and the kinematics between wheels and body. Constant.
@@ -296,7 +310,8 @@ impl Wheels {
         if isotropy >= ISOTROPY_MIN {
             Ok(adjugate.map(|row| row.map(|value| value / determinant)))
         } else {
-            Err(ImpossibleWheels::Rank { isotropy, rows: self.rows().to_vec() })
+            let (kind, rows) = (self.layout.kind(), self.rows().to_vec());
+            Err(ImpossibleWheels::Rank { kind, isotropy, rows })
         }
     }
 }

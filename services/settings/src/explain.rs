@@ -17,6 +17,12 @@ pub(crate) fn refusal(document: &Document<'_>, file: &Path, error: &Error) -> Se
         let line = entry.map_or(1, |table| document.line_of(table));
         return SettingsError::MissingKey { file, line, key };
     }
+    // A type with a check of its own, as `Impossible` prints it.
+    if let Some((key, expected)) = message.split_once(": expected ")
+        && let Some(found) = entry.and_then(|entry| document.near(&entry.path, key))
+    {
+        return impossible(document, &file, Impossible::new(&*found.path, expected));
+    }
     let line = entry
         .map(|entry| document.line_of(entry))
         .or_else(|| span.map(|span| document.line(span.start)));

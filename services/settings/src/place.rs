@@ -56,6 +56,15 @@ impl<'i> Document<'i> {
         self.entries.iter().find(|entry| entry.path == path)
     }
 
+    /// The entry `key` of the nearest table around `path`, or of the table `path` itself.
+    pub(crate) fn near(&self, path: &str, key: &str) -> Option<&Entry> {
+        let within = self.find(&format!("{path}.{key}"));
+        within.or_else(|| match path.rsplit_once('.') {
+            Some((table, _)) => self.near(table, key),
+            None => self.find(key),
+        })
+    }
+
     /// Line on which an entry begins, from 1.
     pub(crate) fn line_of(&self, entry: &Entry) -> usize {
         self.line(entry.key.as_ref().unwrap_or(&entry.value).start)

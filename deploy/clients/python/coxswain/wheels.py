@@ -11,16 +11,16 @@ Row = tuple[float, float, float]  # of J/r: forward, left, yaw
 
 def rows(wheels: dict[str, Any]) -> tuple[Row, ...]:
     """Rows of J/r, one for each wheel, of the table [wheels]. Raises ValueError for other keys."""
-    match wheels:
-        case {"mecanum": found}:
+    match list(wheels.items()):
+        case [("mecanum", found)]:
             return mecanum(found)
-        case {"omni": found}:
+        case [("omni", found)]:
             return omni(found)
-        case {"list": found}:
+        case [("list", found)]:
             return tuple(listed(wheel) for wheel in found)
-        case {"twist": _}:
+        case [("twist", _)]:
             return ()
-    raise ValueError(f"wheels: expected mecanum, omni, list or twist, not {sorted(wheels)}")
+    raise ValueError(f"wheels: expected one of mecanum, omni, list, twist, not {sorted(wheels)}")
 
 
 def mecanum(found: dict[str, Any]) -> tuple[Row, ...]:

@@ -40,6 +40,8 @@ class Wheels(unittest.TestCase):
         self.assertEqual(rows({"twist": {"length_m": 1.0, "width_m": 0.8}}), ())
         with self.assertRaises(ValueError):
             rows({"tracks": {}})
+        with self.assertRaises(ValueError):
+            rows({"twist": {"length_m": 1.0, "width_m": 0.8}, "list": []})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 //! Which data cannot be used: too little, no motion, or units that contradict each other.
 
-use super::{AXIS_NAMES, Log, LogError, Sample};
+use super::{AXIS_NAMES, Log, LogError, Sample, Stretch};
 use robot::{AXES, Velocity, Wheels};
+use std::path::Path;
 
 /// Least data that an estimate needs \[s\].
 const USABLE_MIN_S: f64 = 10.0;
@@ -22,9 +23,8 @@ pub(super) fn check(log: &Log) -> Result<(), LogError> {
             notes: log.notes.clone(),
         });
     }
-    let velocity = rms(log, |_, sample| sample.velocity);
-    let input = rms(log, |_, sample| sample.input);
-    let from_pose = rms(log, from_poses);
+    let velocity = log.speed();
+    let from_pose = rms(&log.stretches, log.period_s, from_poses);
     let moves = |speeds: &Velocity| (0..AXES).any(|axis| speeds[axis] > STANDING[axis]);
     if !moves(&velocity) && !moves(&from_pose) {
         return Err(LogError::NoMotion {
@@ -35,20 +35,27 @@ pub(super) fn check(log: &Log) -> Result<(), LogError> {
     if super::moved(log) == [false; AXES] {
         return Err(LogError::NoInput);
     }
+    log.by_file().try_for_each(|(path, stretches)| check_units(path, stretches, log.period_s))
+}
+
+/// Whether pose, velocity and input of one file have the same units.
+fn check_units(path: &Path, stretches: &[Stretch], period_s: f64) -> Result<(), LogError> {
+    let velocity = rms(stretches, period_s, |_, sample| sample.velocity);
+    let input = rms(stretches, period_s, |_, sample| sample.input);
+    let from_pose = rms(stretches, period_s, from_poses);
     for axis in 0..AXES {
         let (velocity, from_pose, input) = (velocity[axis], from_pose[axis], input[axis]);
+        let (path, name) = (path.to_owned(), AXIS_NAMES[axis]);
         let factor = velocity / from_pose;
         let is_moving = velocity.max(from_pose) > 10.0 * STANDING[axis];
         if is_moving && !(1.0 / SAME_UNIT..=SAME_UNIT).contains(&factor) {
-            let axis = AXIS_NAMES[axis];
-            return Err(LogError::Unit { axis, factor, velocity, from_pose });
+            return Err(LogError::Unit { path, axis: name, factor, velocity, from_pose });
         }
         let factor = input / velocity;
         // An axis without input may be moved by the others.
         let is_moving = input > STANDING[axis] && velocity.max(input) > 10.0 * STANDING[axis];
         if is_moving && !(1.0 / SAME_INPUT_UNIT..=SAME_INPUT_UNIT).contains(&factor) {
-            let axis = AXIS_NAMES[axis];
-            return Err(LogError::InputUnit { axis, factor, input, velocity });
+            return Err(LogError::InputUnit { path, axis: name, factor, input, velocity });
         }
     }
     Ok(())
@@ -63,16 +70,29 @@ pub(super) fn check_wheels(log: &Log, wheels: &Wheels) -> Result<(), LogError> {
     if found != expected {
         return Err(LogError::WheelCount { found, expected, source_of: "as in the robot file" });
     }
+    let mut files = log.by_file();
+    files.try_for_each(|(path, stretches)| check_speeds(path, stretches, log.period_s, wheels))
+}
+
+/// Whether the wheel speeds of one file give its velocity.
+fn check_speeds(
+    path: &Path,
+    stretches: &[Stretch],
+    period_s: f64,
+    wheels: &Wheels,
+) -> Result<(), LogError> {
     let speeds = |sample: &Sample| sample.wheel_speed.map(|speeds| wheels.body(&speeds));
-    let by_wheels = rms(log, |_, sample| speeds(sample).unwrap_or_default());
-    let velocity = rms(log, |_, sample| speeds(sample).map_or([0.0; AXES], |_| sample.velocity));
+    let by_wheels = rms(stretches, period_s, |_, sample| speeds(sample).unwrap_or_default());
+    let velocity = rms(stretches, period_s, |_, sample| {
+        speeds(sample).map_or([0.0; AXES], |_| sample.velocity)
+    });
     for axis in 0..AXES {
         let (by_wheels, velocity) = (by_wheels[axis], velocity[axis]);
         let factor = by_wheels / velocity;
         let is_moving = by_wheels.max(velocity) > 10.0 * STANDING[axis];
         if is_moving && !(1.0 / SAME_UNIT..=SAME_UNIT).contains(&factor) {
-            let axis = AXIS_NAMES[axis];
-            return Err(LogError::WheelUnit { axis, factor, by_wheels, velocity });
+            let (path, axis) = (path.to_owned(), AXIS_NAMES[axis]);
+            return Err(LogError::WheelUnit { path, axis, factor, by_wheels, velocity });
         }
     }
     Ok(())
@@ -89,10 +109,15 @@ fn from_poses(before: &Sample, sample: &Sample) -> Velocity {
     [cos * x + sin * y, cos * y - sin * x, turn / time]
 }
 
-pub(crate) fn rms(log: &Log, value: impl Fn(&Sample, &Sample) -> Velocity) -> Velocity {
-    let apart = ((0.2 / log.period_s) as usize).max(1);
+/// Root mean square of a value of `stretches`, from two samples a fifth of a second apart.
+pub(crate) fn rms(
+    stretches: &[Stretch],
+    period_s: f64,
+    value: impl Fn(&Sample, &Sample) -> Velocity,
+) -> Velocity {
+    let apart = ((0.2 / period_s) as usize).max(1);
     let (mut sums, mut count) = ([0.0; AXES], 0.0);
-    for stretch in &log.stretches {
+    for stretch in stretches {
         for (before, sample) in stretch.iter().zip(stretch.iter().skip(apart)) {
             let value = value(before, sample);
             (0..AXES).for_each(|axis| sums[axis] += value[axis] * value[axis]);

@@ -9,7 +9,7 @@ use std::fmt;
 
 /// The wheels, as in a robot file: one of these keys.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(try_from = "Keys", rename_all = "kebab-case")]
 #[expect(clippy::large_enum_variant, reason = "a robot has one, and it is copied at the start")]
 pub enum Layout {
     /// Four mecanum wheels in a rectangle: front-right, front-left, rear-left, rear-right.
@@ -21,6 +21,33 @@ pub enum Layout {
     List(WheelList),
     /// A base that takes a body velocity, and whose wheels are not known.
     Twist(Twist),
+}
+
+/// What a file may have, so that an error can name all that it has.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    mecanum: Option<Mecanum>,
+    omni: Option<Omni>,
+    list: Option<WheelList>,
+    twist: Option<Twist>,
+}
+
+impl TryFrom<Keys> for Layout {
+    type Error = ImpossibleWheels;
+
+    fn try_from(Keys { mecanum, omni, list, twist }: Keys) -> Result<Self, ImpossibleWheels> {
+        let found = [
+            mecanum.map(Self::Mecanum),
+            omni.map(Self::Omni),
+            list.map(Self::List),
+            twist.map(Self::Twist),
+        ];
+        match found.into_iter().flatten().collect::<Vec<_>>()[..] {
+            [only] => Ok(only),
+            ref all => Err(ImpossibleWheels::Kinds(all.iter().map(Self::kind).collect())),
+        }
+    }
 }
 
 /// Mecanum wheels in a rectangle.
@@ -155,6 +182,16 @@ pub(super) struct Contact {
 }
 
 impl Layout {
+    /// Its key in a robot file.
+    pub(super) const fn kind(&self) -> &'static str {
+        match self {
+            Self::Mecanum(_) => "mecanum",
+            Self::Omni(_) => "omni",
+            Self::List(_) => "list",
+            Self::Twist(_) => "twist",
+        }
+    }
+
     /// Each wheel; none if they are not known.
     ///
     /// # Errors
@@ -208,7 +245,7 @@ impl Omni {
     fn contacts(&self) -> Result<Vec<Contact>, ImpossibleWheels> {
         is_length("omni.radius_m", self.radius_m)?;
         is_length("omni.centre_to_wheel_m", self.centre_to_wheel_m)?;
-        are_enough(self.count)?;
+        are_enough("omni.count", self.count)?;
         let wheel = |index: usize| {
             let angle = TAU * index as f64 / self.count as f64;
             let (sin, cos) = angle.sin_cos();
@@ -222,7 +259,7 @@ impl Omni {
 
 impl WheelList {
     fn contacts(&self) -> Result<Vec<Contact>, ImpossibleWheels> {
-        are_enough(self.count)?;
+        are_enough("list", self.count)?;
         let contact = |(index, wheel): (usize, &Wheel)| {
             let Wheel { position_m: [x, y], direction_deg, roller_deg, radius_m } = *wheel;
             let key = |name: &str| format!("list.{index}.{name}");
@@ -247,8 +284,11 @@ impl WheelList {
     }
 }
 
-fn are_enough(count: usize) -> Result<(), ImpossibleWheels> {
-    if (3..=WHEELS_MAX).contains(&count) { Ok(()) } else { Err(ImpossibleWheels::Count(count)) }
+fn are_enough(key: &'static str, count: usize) -> Result<(), ImpossibleWheels> {
+    if (3..=WHEELS_MAX).contains(&count) {
+        return Ok(());
+    }
+    Err(ImpossibleWheels::Count { key, count })
 }
 
 fn is_length(key: &str, value: f64) -> Result<(), ImpossibleWheels> {

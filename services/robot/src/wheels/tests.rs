@@ -102,7 +102,7 @@ fn wheels_that_cannot_drive_in_every_direction_are_refused_with_numbers() {
     let square = Mecanum { radius_m: 0.05, wheelbase_m: 0.3, track_m: 0.3, rollers: Rollers::X };
     let refused = Wheels::try_from(Layout::Mecanum(square));
     assert!(
-        matches!(&refused, Err(ImpossibleWheels::Rank { isotropy, rows })
+        matches!(&refused, Err(ImpossibleWheels::Rank { kind: "mecanum", isotropy, rows })
             if isotropy.abs() < 1e-12 && rows.len() == 4),
         "{refused:?}"
     );
@@ -114,8 +114,9 @@ fn wheels_that_cannot_drive_in_every_direction_are_refused_with_numbers() {
 
 #[test]
 fn impossible_wheels_are_refused_by_name() {
-    assert_eq!(omni(2), Err(ImpossibleWheels::Count(2)));
-    assert_eq!(omni(9), Err(ImpossibleWheels::Count(9)));
+    let key = "omni.count";
+    assert_eq!(omni(2), Err(ImpossibleWheels::Count { key, count: 2 }));
+    assert_eq!(omni(9), Err(ImpossibleWheels::Count { key, count: 9 }));
     let named = |refused: Result<Wheels, ImpossibleWheels>| match refused {
         Err(ImpossibleWheels::Value { key, .. }) => key,
         other => format!("{other:?}"),
