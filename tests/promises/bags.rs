@@ -423,8 +423,12 @@ fn exported(log: &Log) -> Vec<Value> {
     messages
 }
 
-/// The response that `coxswain identify` finds in the record of a drive, and in a bag of it.
-fn of_record_and_bag(graph: &str, options: &[&str]) -> Result<[Response; 2], Box<dyn Error>> {
+/// The response that `coxswain identify` finds in the record of a drive, and in a bag of it, which
+/// is `bag0` in the folder.
+fn of_record_and_bag(
+    graph: &str,
+    options: &[&str],
+) -> Result<(TempDir, [Response; 2]), Box<dyn Error>> {
     let home = home()?;
     let identify = |out: &str, options: &[&str]| -> Result<Response, Box<dyn Error>> {
         let mut command = Command::new(binaries()?.join("coxswain"));
@@ -440,13 +444,13 @@ fn of_record_and_bag(graph: &str, options: &[&str]) -> Result<[Response; 2], Box
     write(home.path(), &[sqlite])?;
     let path = |name: &str| home.path().join(name).display().to_string();
     let bag = identify("of-bag", &[&path("bag0"), "--robot", &path("driven/driven-robot.toml")])?;
-    Ok([record, bag])
+    Ok((home, [record, bag]))
 }
 
 #[test]
-fn a_run_as_a_bag_identifies_as_its_record_does() -> Outcome {
+fn a_run_as_a_bag_identifies_as_its_record_does_and_becomes_a_model() -> Outcome {
     let graph = graph_file("local").display().to_string();
-    let [record, bag] = of_record_and_bag(&graph, &["--duration", "30"])?;
+    let (home, [record, bag]) = of_record_and_bag(&graph, &["--duration", "30"])?;
     // The widths of the intervals are about 1 %, and 2 ms.
     for axis in 0..3 {
         assert!((bag.gain[axis] / record.gain[axis] - 1.0).abs() < 0.01, "{bag:?} {record:?}");
@@ -454,6 +458,11 @@ fn a_run_as_a_bag_identifies_as_its_record_does() -> Outcome {
         assert!((ratio - 1.0).abs() < 0.01, "{bag:?} {record:?}");
     }
     assert!((bag.dead_time_s - record.dead_time_s).abs() < 0.002, "{bag:?} {record:?}");
+    let mut learn = Command::new(binaries()?.join("coxswain"));
+    learn.current_dir(repository()).env("TMPDIR", home.path()).args(["learn", "--graph", &graph]);
+    learn.arg(home.path().join("bag0")).arg("--to").arg(home.path().join("model.bin"));
+    text_of(&mut learn)?;
+    assert!(home.path().join("model.bin").is_file());
     Ok(())
 }
 
@@ -466,7 +475,7 @@ fn a_run_as_a_bag_identifies_as_its_record_does() -> Outcome {
 fn figures_of_the_rosbot_xl() -> Outcome {
     let options = ["--speed", "0.5", "--set", "period_millis=20"];
     let graph = repository().join("deploy/worlds/robots/graphs/rosbot-xl.toml");
-    let [record, bag] = of_record_and_bag(&graph.display().to_string(), &options)?;
+    let (_, [record, bag]) = of_record_and_bag(&graph.display().to_string(), &options)?;
     println!("record {record:?}\nbag    {bag:?}");
     Ok(())
 }

@@ -180,14 +180,42 @@ fn a_model_that_is_no_better_than_none_is_not_written() -> Outcome {
     Ok(())
 }
 
+#[test]
+fn a_table_becomes_a_model_too_also_with_an_earlier_one_as_prior() -> Outcome {
+    let (home, earlier) = school()?;
+    let log = Log::read(&[home.path().join("run")], &Topics::default())?;
+    let mut text = HEADER.to_owned();
+    for sample in log.stretches.iter().flatten() {
+        push_row(&mut text, sample.time_s, [&sample.pose, &sample.velocity, &sample.input]);
+    }
+    let table = home.path().join("run.csv");
+    fs::write(&table, text)?;
+    let earlier = earlier.display().to_string();
+    for (name, options) in [("alone.bin", vec![]), ("joined.bin", vec!["--from", &earlier])] {
+        let to = home.path().join(name);
+        let output = learn(home.path(), &table, &to, &options)?;
+        assert!(output.status.success() && to.is_file(), "{name}: {output:?}");
+    }
+    Ok(())
+}
+
+const HEADER: &str = "time_s,x_m,y_m,yaw_rad,velocity_forward_mps,velocity_left_mps,\
+                      yaw_rate_radps,input_forward_mps,input_left_mps,input_yaw_radps\n";
+
+/// Pose, velocity and input as a row of a table.
+fn push_row(text: &mut String, time_s: f64, numbers: [&[f64; 3]; 3]) {
+    let numbers = std::iter::once(&time_s).chain(numbers.into_iter().flatten());
+    let cells: Vec<String> = numbers.map(f64::to_string).collect();
+    text.push_str(&cells.join(","));
+    text.push('\n');
+}
+
 /// A table of `rows` rows of a robot that follows the main model of the local graph, with noise.
 fn nothing_to_learn(rows: usize) -> Result<String, Box<dyn Error>> {
     let assembly = assembly()?;
     let period = 1e-3 * assembly.scenario.period_millis;
     let main = model::main_model::MainModel::new(&assembly.robot, period);
-    let mut text = "time_s,x_m,y_m,yaw_rad,velocity_forward_mps,velocity_left_mps,\
-                    yaw_rate_radps,input_forward_mps,input_left_mps,input_yaw_radps\n"
-        .to_owned();
+    let mut text = HEADER.to_owned();
     let mut state = model::State::default();
     let mut random = 1_u64;
     let mut noise = || {
@@ -207,10 +235,7 @@ fn nothing_to_learn(rows: usize) -> Result<String, Box<dyn Error>> {
         };
         state = belief.predict(&state, &input);
         let velocity = state.velocity.map(|velocity| velocity + noise());
-        let numbers = [[time].as_slice(), &state.pose, &velocity, &input].concat();
-        let cells: Vec<String> = numbers.iter().map(f64::to_string).collect();
-        text.push_str(&cells.join(","));
-        text.push('\n');
+        push_row(&mut text, time, [&state.pose, &velocity, &input]);
     }
     Ok(text)
 }

@@ -31,6 +31,30 @@ use std::time::Duration;
 /// assert_eq!(base.read()?.pose[2], 1.0);
 /// # Ok::<(), BaseError>(())
 /// ```
+///
+/// Motors that take the speeds of wheels get them by the wheels of the robot file:
+///
+/// ```
+/// # use driver::{Base, BaseError, Sensors};
+/// # use robot::{PerWheel, Wheels};
+/// struct Motors {
+///     wheels: Wheels,
+///     speeds_radps: PerWheel,
+/// }
+///
+/// impl Base for Motors {
+///     # fn read(&mut self) -> Result<Sensors, BaseError> { Ok(Sensors::default()) }
+///     fn drive(&mut self, velocity: [f64; 3], _nanos: u64) -> Result<(), BaseError> {
+///         self.speeds_radps = self.wheels.speeds(velocity);
+///         Ok(())
+///     }
+/// }
+/// # let wheels = Wheels::mecanum(0.05, 0.25, 0.3).map_err(|error| error.to_string());
+/// # let mut base = Motors { wheels: wheels?, speeds_radps: PerWheel::default() };
+/// # base.drive([1.0, 0.0, 0.0], 0).map_err(|error| error.to_string())?;
+/// # assert_eq!(base.speeds_radps[..4], [20.0; 4]);
+/// # Ok::<(), String>(())
+/// ```
 pub trait Base {
     /// The present measurements.
     ///

@@ -200,23 +200,25 @@ struct Found {
 }
 
 impl Found {
-    /// Leaves out stiction and integral parts that are not above 0 by more than their interval.
-    /// Whether there were any.
+    /// Leaves out stiction and integral parts that are not above 0 by more than their interval; an
+    /// axis without integral part has an offset. Whether there were any.
     fn leave_out_absent(&mut self, covariance: &DMatrix<f64>) -> bool {
-        let before = self.parameters.len();
-        let mut index = 0..before;
-        let response = &mut self.response;
-        self.parameters.retain(|&parameter| {
-            let variance = index.next().map_or(0.0, |index| covariance[(index, index)]);
+        let mut is_any = false;
+        for (index, parameter) in std::mem::take(&mut self.parameters).into_iter().enumerate() {
             let may_be_absent =
                 matches!(parameter, Parameter::Stiction(_) | Parameter::Integral(_));
-            let stays = !may_be_absent || parameter.of(response) > variance.sqrt();
-            if !stays {
-                parameter.set(response, 0.0);
+            let width = covariance[(index, index)].sqrt();
+            if !may_be_absent || parameter.of(&self.response) > width {
+                self.parameters.push(parameter);
+                continue;
             }
-            stays
-        });
-        self.parameters.len() < before
+            is_any = true;
+            parameter.set(&mut self.response, 0.0);
+            if let Parameter::Integral(axis) = parameter {
+                self.parameters.push(Parameter::Offset(axis));
+            }
+        }
+        is_any
     }
 
     fn estimate(self, axes: [bool; AXES], covariance: DMatrix<f64>) -> Estimate {

@@ -50,11 +50,9 @@ impl Parameter {
                 Self::TimeConstant(axis),
                 Self::DeadTime(axis),
                 Self::Friction(axis),
-                Self::Offset(axis),
+                // An integral part makes up for an offset: the two are one.
+                if has_integral { Self::Integral(axis) } else { Self::Offset(axis) },
             ]);
-            if has_integral {
-                all.push(Self::Integral(axis));
-            }
             for other in moved().filter(|&other| other != axis) {
                 all.extend([Self::Gain(axis, other), Self::Cross(axis, other)]);
             }

@@ -24,8 +24,9 @@
 //! each axis has its own friction. The acceleration of an axis may be limited, separately for
 //! speeding up and slowing down.
 //!
-//! The drive of a wheel saturates where its rim is behind its command by more than l. Then u is
-//! replaced by v + J⁺ sat(J (u − v), l), which is u itself where no wheel saturates.
+//! The drive of a wheel saturates where its rim is behind its command, with the integral part, by
+//! more than l. Then u is replaced by v − z + J⁺ sat(J (u − v + z), l), which is u itself where no
+//! wheel saturates. The integral part of a wheel that saturates does not grow.
 //!
 //! Friction, drag and turning frame as in eqs. 10–16 of Wu, Tang, Xu 2023, corrected as in
 //! `plant-sim`; the dead time acts on the input, piecewise constant over the periods.
@@ -154,6 +155,14 @@ impl Step {
     }
 }
 
+/// What saturated drives make of an input.
+struct Driven {
+    /// The input that unsaturated drives would follow as these follow theirs \[m/s, m/s, rad/s\].
+    input: Velocity,
+    /// K u − v, as the integral parts see it.
+    behind: Velocity,
+}
+
 /// Simulates responses on one stretch of a log.
 #[derive(Debug)]
 pub struct Simulation<'a> {
@@ -269,7 +278,8 @@ impl<'a> Simulation<'a> {
         let drag = [drag * ahead, drag * side, 0.0];
         let mut next = motion;
         for axis in 0..AXES {
-            let input = self.driven(response.saturation_mps, &inputs[axis], &at);
+            let Driven { input, behind } =
+                self.driven(response, &inputs[axis], &at, &middle.integral);
             // As an input that would accelerate the axis as much.
             let turning = response.turning * response.time_constant_s[axis] * frame[axis];
             let mut target = response.offset[axis] - friction[axis] - drag[axis]
@@ -291,27 +301,42 @@ impl<'a> Simulation<'a> {
             let limit = if speeds_up { &response.acceleration } else { &response.braking };
             let most = limit[axis] * step.length_s;
             next.velocity[axis] = before + change.clamp(-most, most);
-            let behind = response.gain[axis][axis] * input[axis] - at[axis];
-            next.integral[axis] += response.integral_per_s[axis] * step.length_s * behind;
+            next.integral[axis] += response.integral_per_s[axis] * step.length_s * behind[axis];
         }
         next
     }
 
-    /// The input that unsaturated drives would follow as these follow `asked` at the velocity `at`.
-    fn driven(&self, saturation_mps: f64, asked: &Velocity, at: &Velocity) -> Velocity {
-        if saturation_mps.is_infinite() {
-            return *asked;
+    /// What drives that follow `asked` at the velocity `at` do, with the integral part `held`.
+    fn driven(
+        &self,
+        response: &Response,
+        asked: &Velocity,
+        at: &Velocity,
+        held: &Velocity,
+    ) -> Driven {
+        let error = std::array::from_fn(|axis| response.gain[axis][axis] * asked[axis] - at[axis]);
+        if response.saturation_mps.is_infinite() {
+            return Driven { input: *asked, behind: error };
         }
-        let mut behind = self.wheels.speeds(std::array::from_fn(|axis| asked[axis] - at[axis]));
-        for (speed, radius) in behind.iter_mut().zip(self.wheels.radii_m()) {
-            let most = saturation_mps / radius;
-            *speed = speed.clamp(-most, most);
+        let demand = std::array::from_fn(|axis| asked[axis] - at[axis] + held[axis]);
+        let (mut demands, mut errors) = (self.wheels.speeds(demand), self.wheels.speeds(error));
+        for ((demand, error), radius) in
+            demands.iter_mut().zip(&mut errors).zip(self.wheels.radii_m())
+        {
+            let most = response.saturation_mps / radius;
+            if demand.abs() > most && *demand * *error > 0.0 {
+                *error = 0.0;
+            }
+            *demand = demand.clamp(-most, most);
         }
-        let behind = self.wheels.body(&behind);
-        std::array::from_fn(|axis| at[axis] + behind[axis])
+        let driven = self.wheels.body(&demands);
+        Driven {
+            input: std::array::from_fn(|axis| at[axis] - held[axis] + driven[axis]),
+            behind: self.wheels.body(&errors),
+        }
     }
 
-    /// How far a rim is behind its command at most \[m/s\].
+    /// How far a rim is behind its command at most, with the integral part \[m/s\].
     pub fn most_behind_mps(&self, response: &Response) -> f64 {
         let period = Step::of(response, self.period_s);
         let mut most: f64 = 0.0;
@@ -319,8 +344,9 @@ impl<'a> Simulation<'a> {
             let [from, to] = [number + 1, number + 2]
                 .map(|number| self.received(response, number as f64 * self.period_s));
             let asked = period.inputs(&from, &to);
-            let behind: Velocity =
-                std::array::from_fn(|axis| asked[axis][axis] - motion.velocity[axis]);
+            let behind: Velocity = std::array::from_fn(|axis| {
+                asked[axis][axis] - motion.velocity[axis] + motion.integral[axis]
+            });
             let speeds = self.wheels.speeds(behind);
             for (speed, radius) in speeds.iter().zip(self.wheels.radii_m()) {
                 most = most.max(speed.abs() * radius);

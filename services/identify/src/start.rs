@@ -52,7 +52,7 @@ pub(crate) fn starts(log: &Log, axes: [bool; AXES], has_integral: bool) -> Vec<R
         }
         for (start, axis_start) in starts.iter_mut().zip(chosen.iter().cycle()) {
             start.gain[axis][axis] = axis_start.gain;
-            start.offset[axis] = axis_start.offset;
+            start.offset[axis] = if has_integral { 0.0 } else { axis_start.offset };
             start.time_constant_s[axis] = axis_start.time_constant_s;
             start.dead_time_s[axis] = axis_start.dead_time_s;
             start.integral_per_s[axis] = axis_start.integral_per_s;
