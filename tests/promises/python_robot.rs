@@ -1,6 +1,7 @@
 //! Promise: a robot written in another language, from `protocol/WIRE.md` alone, is driven and
 //! learned.
 
+use graph::assembly::robot_of;
 use process::lists::{Lists, Verdict, socket};
 use promises::{
     Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, port, python,
@@ -31,13 +32,13 @@ enum Access {
     Certificates,
 }
 
-/// A launch of the host `control` of `foreign-driver.toml` for `scenario`, and the command of its
-/// driver. No other test has its port.
+/// A launch of the host `control` of `foreign-driver.toml` for `scenario`, with more options, and
+/// the command of its driver. No other test has its port.
 fn control_host(
     script: &Path,
     access: Access,
     pace: &str,
-    scenario: &str,
+    (scenario, more): (&str, &[&str]),
 ) -> Result<(Launched, Command), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let port = port::free()?;
@@ -49,7 +50,7 @@ fn control_host(
     let options = ["--host", "control", "--scenario", scenario, "--pace", pace];
     let mut launch =
         launch_command(&graph_file("foreign-driver"), &home.path().join("run"), &options)?;
-    launch.args(["--address", &format!("driver={address}"), "--duration", "600"]);
+    launch.args(more).args(["--address", &format!("driver={address}"), "--duration", "600"]);
     if access == Access::Certificates {
         let certificates = home.path().join("certificates");
         let mut issue = Command::new(binaries()?.join("coxswain"));
@@ -76,7 +77,7 @@ struct Driven {
 /// A circle of 15 s in lock step, driven by a real controller with a real learner, with more
 /// `arguments` for the robot.
 fn driven(script: &Path, access: Access, arguments: &[&str]) -> Result<Driven, Box<dyn Error>> {
-    let (launched, mut robot) = control_host(script, access, "lock-step", "circle")?;
+    let (launched, mut robot) = control_host(script, access, "lock-step", ("circle", &[]))?;
     let text = text_of(robot.args(CIRCLE).args(arguments))?;
     let (ended, home) = launched.end()?;
     assert!(ended.status.success(), "{}", ended.text);
@@ -123,6 +124,50 @@ fn a_robot_in_python_drives_a_circle_and_is_learned_through_losses_too() -> Outc
     Ok(())
 }
 
+/// The gains and lags are those of `robot.py`.
+#[test]
+fn a_robot_in_python_drives_prepared_files_and_is_identified() -> Outcome {
+    let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let path = |name: &str| home.path().join(name).display().to_string();
+    let sheet = repository().join("deploy/robots/mecanum.toml").display().to_string();
+    let identify = |arguments: &[&str]| -> Result<String, Box<dyn Error>> {
+        let mut command = Command::new(binaries()?.join("coxswain"));
+        text_of(command.env("TMPDIR", home.path()).arg("identify").args(arguments))
+    };
+    let (graph, out) = (graph_file("foreign-driver").display().to_string(), path("drive"));
+    let told = identify(&[
+        "--drive",
+        &graph,
+        "--prepare",
+        "--area",
+        "3x3",
+        "--duration",
+        "40",
+        "--out",
+        &out,
+    ])?;
+    assert!(
+        told.contains("--host control --scenario") && !told.contains("--host driver"),
+        "{told}"
+    );
+    let (scenario, robot) = (path("drive/drive.toml"), path("drive/driven-robot.toml"));
+    let script = clients().join("robot.py");
+    let more = ["--robot", &robot, "--learner", "off"];
+    let (launched, mut driver) =
+        control_host(&script, Access::Open, "lock-step", (&scenario, &more))?;
+    text_of(driver.args(["--duration", "30"]))?;
+    let (ended, run) = launched.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let (run, found) = (run.path().join("run").display().to_string(), path("found"));
+    identify(&[&run, "--robot", &sheet, "--out", &found])?;
+    let response = robot_of(&home.path().join("found/robot.toml"))?.response.ok_or("none")?;
+    for (axis, (gain, lag_s)) in [(0.8, 0.6), (0.75, 0.6), (0.8, 0.4)].into_iter().enumerate() {
+        assert!((response.gain[axis] / gain - 1.0).abs() < 0.03, "{response:?}");
+        assert!((response.time_constant_s[axis] / lag_s - 1.0).abs() < 0.1, "{response:?}");
+    }
+    Ok(())
+}
+
 /// The number behind `name` in a line of the robot.
 fn number(line: &str, name: &str) -> Option<f64> {
     let (_, rest) = line.split_once(name)?;
@@ -139,7 +184,7 @@ fn fallback_level(line: &str) -> Option<u32> {
 fn a_robot_in_python_drives_on_after_the_bridge_is_killed() -> Outcome {
     for access in [Access::Open, Access::Certificates] {
         let script = clients().join("robot.py");
-        let (launched, mut robot) = control_host(&script, access, "real-time", "circle")?;
+        let (launched, mut robot) = control_host(&script, access, "real-time", ("circle", &[]))?;
         let mut robot = Reader::start(robot.args(CIRCLE).args(["--duration", "600"]))?;
         let drives = |robot: &mut Reader| -> Outcome {
             while fallback_level(robot.lines(1)?.first().ok_or("no line")?) != Some(1) {}
@@ -173,7 +218,7 @@ fn slow_robot(home: &Path) -> Result<String, Box<dyn Error>> {
 #[test]
 fn a_robot_in_python_keeps_its_map_and_the_lists_of_planners() -> Outcome {
     let script = clients().join("robot.py");
-    let (launched, mut robot) = control_host(&script, Access::Open, "real-time", "hold")?;
+    let (launched, mut robot) = control_host(&script, Access::Open, "real-time", ("hold", &[]))?;
     let (map, socket) = (launched.home().join("map.toml"), socket(launched.home()));
     // The controller does not know this map.
     fs::write(&map, "fence_m = [[-1, -2], [4, -2], [4, 2], [-1, 2]]\n")?;

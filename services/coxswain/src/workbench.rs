@@ -166,6 +166,10 @@ fn identified(options: &IdentifyOptions) -> ExitCode {
     };
     let (logs, robot) = match options.plan() {
         Ok(Plan::Logs(logs, robot)) => (logs, *robot),
+        Ok(Plan::Prepared(instructions)) => {
+            terminal::print(instructions);
+            return ExitCode::SUCCESS;
+        }
         Ok(Plan::Drive(drive)) => match supervisor::launch::run(&drive.options, without_learning) {
             Ok(Outcome::Finished) => (vec![options.out.join("run")], drive.robot),
             Ok(outcome) => return outcome.exit_code(),

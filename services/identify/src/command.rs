@@ -47,6 +47,10 @@ pub struct IdentifyOptions {
     /// Folder of the results, new or empty: robot.toml, tuned.toml, report.html, and the drive.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Only write the files of the drive, and print how to launch them. A graph with hosts, or a
+    /// driver in another language, is driven so.
+    #[arg(long, requires = "drive", conflicts_with = "pace")]
+    pub prepare: bool,
     /// Length and width of the free rectangle, as 3x2 (m).
     #[arg(long, value_name = "SIZE", default_value = "2x2", requires = "drive", value_parser = size)]
     pub area: [f64; 2],
@@ -171,6 +175,8 @@ pub enum Plan {
     Logs(Vec<PathBuf>, Box<Robot>),
     /// A launch, the record that it leaves, and the robot.
     Drive(Box<drive::Drive>),
+    /// How to launch the drive, and what to do then.
+    Prepared(String),
 }
 
 impl IdentifyOptions {
@@ -201,6 +207,9 @@ impl IdentifyOptions {
         };
         let out = std::path::absolute(&self.out).unwrap_or_else(|_| self.out.clone());
         let drive = drive::prepare(graph, self, &out)?;
+        if self.prepare {
+            return Ok(Plan::Prepared(drive.instructions()));
+        }
         Ok(Plan::Drive(Box::new(drive)))
     }
 }

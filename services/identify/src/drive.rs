@@ -68,6 +68,39 @@ pub struct Drive {
     pub options: Options,
     /// The robot as its file states it.
     pub robot: Robot,
+    /// That file.
+    given: PathBuf,
+    /// Hosts of the graph that run its processes.
+    hosts: Vec<String>,
+}
+
+impl Drive {
+    /// The commands that launch the drive on each host, and the one that identifies its record.
+    pub(crate) fn instructions(&self) -> String {
+        let Self { options, hosts, given, .. } = self;
+        let path = |path: &Option<PathBuf>| {
+            path.as_ref().map(|path| path.display().to_string()).unwrap_or_default()
+        };
+        let (graph, scenario) = (options.graph.display(), path(&options.scenario));
+        let (robot, out) = (path(&options.robot), path(&options.out));
+        let mut text = String::new();
+        // A graph without hosts is one launch.
+        let all = hosts.iter().map(|host| format!(" --host {host}"));
+        let launches = if hosts.is_empty() { vec![String::new()] } else { all.collect() };
+        for host in launches {
+            let _ = writeln!(
+                text,
+                "coxswain launch {graph}{host} --scenario {scenario} --robot {robot} --learner off \
+                 --out {out}"
+            );
+        }
+        let _ = write!(
+            text,
+            "coxswain identify {out} --robot {} --out {out}-identified",
+            given.display()
+        );
+        text
+    }
 }
 
 /// Writes the files of a drive into `folder`: the motion, a scenario with it, and the robot with
@@ -90,8 +123,8 @@ pub fn prepare(
         value: None,
         expected: expected.to_owned(),
     };
-    if !graph.hosts.is_empty() {
-        let expected = "a graph without hosts: launch the hosts, and identify from the records";
+    if !graph.hosts.is_empty() && !wanted.prepare {
+        let expected = "a graph without hosts, or --prepare, which writes the files of a drive";
         return Err(refused("hosts", expected).into());
     }
     if !graph.processes.recorder.enabled {
@@ -102,7 +135,8 @@ pub fn prepare(
     let name = own.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let scenario_folder = own.parent().unwrap_or(Path::new("")).to_path_buf();
     let scenario = Scenario::named(&scenario_folder, &name, None, changes)?;
-    let robot = robot_of(wanted.robot.as_deref().unwrap_or(&beside.join(&graph.robot)))?;
+    let given = wanted.robot.clone().unwrap_or_else(|| beside.join(&graph.robot));
+    let robot = robot_of(&given)?;
     let limits = &robot.limits;
     let planar = STEEP * limits.input_rate_mps2;
     let extent = robot.wheels.half_extent_m();
@@ -149,7 +183,9 @@ pub fn prepare(
         seed: Some(seed),
         ..Options::of_graph(graph_file)
     };
-    Ok(Drive { options, robot })
+    let with_processes = graph.hosts.iter().filter(|(_, host)| !host.processes.is_empty());
+    let hosts = with_processes.map(|(name, _)| name.clone()).collect();
+    Ok(Drive { options, robot, given, hosts })
 }
 
 /// The motion as a file of points, from the start pose of the scenario.

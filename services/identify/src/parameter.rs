@@ -39,7 +39,7 @@ pub enum Parameter {
 }
 
 impl Parameter {
-    /// Those of a robot of which only `axes` are moved, with or without integral parts, without
+    /// Those of a robot of which only `axes` are moved, with integral parts or with offsets, without
     /// limits, without saturation and without stiction.
     pub fn of_axes(axes: [bool; AXES], has_integral: bool) -> Vec<Self> {
         let moved = || (0..AXES).filter(|&axis| axes[axis]);

@@ -17,7 +17,7 @@
 //! | c, v_s | dry friction as the velocity that it costs, and the speed at which it is full      |
 //! | e, v_b | more friction near standstill (stiction), as such a velocity; v_b is 0.1 m/s       |
 //! | D      | drag of the planar axes, in planar velocity lost per squared speed; 0 for yaw      |
-//! | b      | constant offset: slope, or a sensor's bias                                         |
+//! | b      | constant offset: slope, or a sensor's bias; 0 on an axis with an integral part     |
 //! | s      | share of the turning frame's acceleration (Coriolis); 0 where wheels hold the body |
 //!
 //! Friction acts at each wheel, so its direction follows from J. Where the wheels are not known,
