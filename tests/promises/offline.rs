@@ -12,7 +12,7 @@ use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use tempfile::TempDir;
 
 fn home() -> std::io::Result<TempDir> {
@@ -43,25 +43,31 @@ fn learn(home: &Path, log: &Path, to: &Path, options: &[&str]) -> Result<Output,
     coxswain(home, &[arguments.as_slice(), options].concat())
 }
 
-/// A run without a learner, and the model that was trained from it.
-fn school() -> Result<&'static (TempDir, PathBuf), Box<dyn Error>> {
-    static SCHOOL: OnceLock<Result<(TempDir, PathBuf), String>> = OnceLock::new();
-    let school = || -> Result<(TempDir, PathBuf), Box<dyn Error>> {
-        let drive = ["--pace", "lock-step", "--learner", "off"];
-        let (ended, home) = Launched::new(&[drive.as_slice(), &SCENARIO].concat())?.end()?;
-        assert!(ended.status.success(), "{}", ended.text);
-        let model = home.path().join("model.bin");
-        let output = learn(home.path(), &home.path().join("run"), &model, &[])?;
-        assert!(output.status.success(), "{output:?}");
-        Ok((home, model))
-    };
-    let school = SCHOOL.get_or_init(|| school().map_err(|error| error.to_string()));
-    school.as_ref().map_err(|error| error.clone().into())
+/// Folder of a run without a learner, and the model that was trained from it.
+type School = (TempDir, PathBuf);
+
+/// One for the tests that run at the same time. Its folder goes with the last of them.
+fn school() -> Result<Arc<School>, Box<dyn Error>> {
+    static SCHOOL: Mutex<Weak<School>> = Mutex::new(Weak::new());
+    let mut shared = SCHOOL.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(school) = shared.upgrade() {
+        return Ok(school);
+    }
+    let drive = ["--pace", "lock-step", "--learner", "off"];
+    let (ended, home) = Launched::new(&[drive.as_slice(), &SCENARIO].concat())?.end()?;
+    assert!(ended.status.success(), "{}", ended.text);
+    let model = home.path().join("model.bin");
+    let output = learn(home.path(), &home.path().join("run"), &model, &[])?;
+    assert!(output.status.success(), "{output:?}");
+    let school = Arc::new((home, model));
+    *shared = Arc::downgrade(&school);
+    Ok(school)
 }
 
 #[test]
 fn the_samples_of_a_record_are_those_that_the_controller_sent() -> Outcome {
-    let (home, _) = school()?;
+    let school = school()?;
+    let (home, _) = &*school;
     let run = home.path().join("run");
     let assembly = assembly()?;
     let links = assembly.links("none", Path::new(""));
@@ -90,7 +96,8 @@ fn the_samples_of_a_record_are_those_that_the_controller_sent() -> Outcome {
 
 #[test]
 fn the_same_logs_give_the_same_bytes() -> Outcome {
-    let (home, model) = school()?;
+    let school = school()?;
+    let (home, model) = &*school;
     let again = home.path().join("again.bin");
     let output = learn(home.path(), &home.path().join("run"), &again, &[])?;
     assert!(output.status.success(), "{output:?}");
@@ -117,7 +124,8 @@ fn first_seconds(options: &[&str]) -> Result<(f64, u64), Box<dyn Error>> {
 
 #[test]
 fn a_launch_that_begins_with_the_model_predicts_better_in_its_first_seconds() -> Outcome {
-    let (_, model) = school()?;
+    let school = school()?;
+    let (_, model) = &*school;
     let (cold, _) = first_seconds(&[])?;
     let (warm, axes) = first_seconds(&["--model", &model.display().to_string()])?;
     assert!(warm < cold, "{warm} m/s with the model, {cold} m/s without");
@@ -127,7 +135,8 @@ fn a_launch_that_begins_with_the_model_predicts_better_in_its_first_seconds() ->
 
 #[test]
 fn a_launch_with_a_model_that_it_cannot_use_starts_nothing() -> Outcome {
-    let (home, model) = school()?;
+    let school = school()?;
+    let (home, model) = &*school;
     let good = fs::read(model)?;
     let damaged = home.path().join("damaged.bin");
     fs::write(&damaged, &good[..good.len() / 2])?;
@@ -152,7 +161,8 @@ fn a_launch_with_a_model_that_it_cannot_use_starts_nothing() -> Outcome {
 
 #[test]
 fn logs_that_cannot_be_used_leave_no_snapshot() -> Outcome {
-    let (home, _) = school()?;
+    let school = school()?;
+    let (home, _) = &*school;
     let (run, to) = (home.path().join("run"), home.path().join("none.bin"));
     let refused: [(&Path, &[&str]); 3] = [
         (Path::new("none"), &[]),
@@ -182,7 +192,8 @@ fn a_model_that_is_no_better_than_none_is_not_written() -> Outcome {
 
 #[test]
 fn a_table_becomes_a_model_too_also_with_an_earlier_one_as_prior() -> Outcome {
-    let (home, earlier) = school()?;
+    let school = school()?;
+    let (home, earlier) = &*school;
     let log = Log::read(&[home.path().join("run")], &Topics::default())?;
     let mut text = HEADER.to_owned();
     for sample in log.stretches.iter().flatten() {
@@ -242,7 +253,8 @@ fn nothing_to_learn(rows: usize) -> Result<String, Box<dyn Error>> {
 
 #[test]
 fn a_model_is_shown_as_a_table_and_as_a_page() -> Outcome {
-    let (home, model) = school()?;
+    let school = school()?;
+    let (home, model) = &*school;
     let (model, page) = (model.display().to_string(), home.path().join("model.html"));
     let to = page.display().to_string();
     let output = coxswain(home.path(), &["model", "show", &model, "--to", &to])?;
