@@ -47,7 +47,7 @@ pub const UNUSED: f64 = 0.3;
 const YAW_MAX: f64 = 1.5;
 /// Shortest and longest step \[s\].
 const HOLD_S: [f64; 2] = [0.3, 1.2];
-/// Length of a step to full speed, and of the one that reverses it, and so ends where it began \[s\].
+/// Length of a step to full speed, and of the one that reverses it \[s\]: it ends where it began.
 const FULL_S: f64 = 0.6;
 /// Speeds of the other steps, as shares of the full speed.
 const LEVELS: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];

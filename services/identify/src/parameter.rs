@@ -39,8 +39,8 @@ pub enum Parameter {
 }
 
 impl Parameter {
-    /// Those of a robot of which only `axes` are moved, with integral parts or with offsets, without
-    /// limits, without saturation and without stiction.
+    /// Those of a robot of which only `axes` are moved, with integral parts or with offsets. There
+    /// are no limits, no saturation and no stiction.
     pub fn of_axes(axes: [bool; AXES], has_integral: bool) -> Vec<Self> {
         let moved = || (0..AXES).filter(|&axis| axes[axis]);
         let mut all = Vec::new();

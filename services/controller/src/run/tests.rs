@@ -4,6 +4,7 @@ use bytemuck::Zeroable;
 use protocol::message::GateState;
 use std::error::Error;
 use std::time::Instant;
+use tempfile::TempDir;
 use transport::Exchange;
 
 /// Far longer than an answer takes.
@@ -20,13 +21,22 @@ fn received(commands: &mut Source<Command>) -> Result<Command, Box<dyn Error>> {
     Err("no command comes".into())
 }
 
+/// In a folder of its own, which keeps what the controller saves at its end.
+fn settings(folder: &TempDir) -> Settings {
+    let mut settings = told();
+    settings.run.folder = folder.path().to_owned();
+    settings
+}
+
 #[test]
 fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    let settings = settings(&folder);
     let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
     let mut states = Ports::in_memory(&exchange, Identity::new(7)).sink::<PlantState>()?;
     let ended = thread::scope(|scope| {
         let controller = scope
-            .spawn(|| run(&told(), |identity| Ok(Ports::in_memory(&exchange, identity)), &stop));
+            .spawn(|| run(&settings, |identity| Ok(Ports::in_memory(&exchange, identity)), &stop));
         let mut state = PlantState::zeroed();
         state.gate = GateState::Driving.code();
         state.controller_epoch = u64::MAX;
@@ -44,6 +54,8 @@ fn above_the_last_epoch_there_is_none_to_claim() -> Result<(), Box<dyn Error>> {
 #[test]
 fn in_lock_step_a_repeated_state_gets_the_same_bytes_as_its_lost_answer()
 -> Result<(), Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    let settings = settings(&folder);
     let (exchange, stop) = (Exchange::new(true, Duration::from_secs(1)), Stop::new());
     let ports = Ports::in_memory(&exchange, Identity::new(7));
     let (mut first, mut states) =
@@ -51,7 +63,7 @@ fn in_lock_step_a_repeated_state_gets_the_same_bytes_as_its_lost_answer()
     thread::scope(|scope| {
         let controller = scope.spawn(|| {
             let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
-            run(&told(), connect, &stop).map_err(|error| error.to_string())
+            run(&settings, connect, &stop).map_err(|error| error.to_string())
         });
         let mut talk = || -> Result<(), Box<dyn Error>> {
             let mut state = PlantState::zeroed();
