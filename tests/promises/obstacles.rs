@@ -1,6 +1,6 @@
-//! Promise: a robot among known obstacles and discs that cross its way reaches its goals and touches
-//! nothing, stays in its area, and keeps the speed limits of zones. On two hosts it has the same
-//! bits. A bad map starts nothing.
+//! Promise: a robot among known obstacles and discs that cross its way reaches its goals and
+//! touches nothing, stays in its area, and keeps the speed limits of zones. On two hosts it has the
+//! same bits. A bad map starts nothing.
 
 use promises::{Launched, Message, Outcome, Record, repository};
 use robot::{Map, Obstacle, Robot, Shape, Surroundings};

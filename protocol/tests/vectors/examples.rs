@@ -93,6 +93,37 @@ examples! {
             gate: GateState::Armed.code(),
             ..PlantState::zeroed()
         }),
+        ("three omni wheels, no currents", PlantState {
+            stamp: typical(),
+            pose: [-2.0, 0.75, -1.5],
+            velocity: [0.25, -0.5, 0.75],
+            wheel_speed: [-5.5, 3.25, 15.5, 0.0, 0.0, 0.0, 0.0, 0.0],
+            input: [0.25, -0.5, 1.0],
+            controller_epoch: 4,
+            accepted_epoch: 4,
+            accepted_tick: 1038,
+            fallback_level: FallbackLevel::StoredTail.code(),
+            reason: Reason::Missing.code(),
+            wheels: 3,
+            wheel_speed_valid: 1,
+            gate: GateState::Driving.code(),
+            ..PlantState::zeroed()
+        }),
+        ("a base without wheels that it knows", PlantState {
+            stamp: typical(),
+            pose: [0.5, 0.5, 0.0],
+            velocity: [0.125, 0.0, 0.0],
+            input_delay_s: 0.06,
+            controller_epoch: 1,
+            accepted_epoch: 1,
+            accepted_tick: 900,
+            fallback_level: FallbackLevel::LatchedStop.code(),
+            reason: Reason::EmergencyStop.code(),
+            estop: 1,
+            gate: GateState::Stopped.code(),
+            stop: Reason::EmergencyStop.code(),
+            ..PlantState::zeroed()
+        }),
         ("extreme", PlantState {
             stamp: extreme(),
             pose: EDGES,

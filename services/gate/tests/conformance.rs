@@ -28,8 +28,7 @@ struct Limits {
     rate: Velocity,
     brake: Velocity,
     wheel_speed: f64,
-    wheel_radius: f64,
-    lever: f64,
+    wheels: Wheels,
     /// Length, width and clearance.
     footprint: [f64; 3],
     response: f64,
@@ -40,6 +39,8 @@ struct Case {
     name: String,
     #[serde(default = "yes")]
     armed: bool,
+    /// In place of those of the robot.
+    wheels: Option<Wheels>,
     map: Option<Map>,
     events: Vec<Event>,
 }
@@ -138,11 +139,8 @@ impl Answer {
     }
 }
 
-fn robot(limits: &Limits) -> Robot {
-    let mut robot = Robot::example();
-    if let Ok(wheels) = Wheels::mecanum(limits.wheel_radius, limits.lever, limits.lever) {
-        robot.wheels = wheels;
-    }
+fn robot(limits: &Limits, wheels: Wheels) -> Robot {
+    let mut robot = Robot { wheels, ..Robot::example() };
     let [length_m, width_m, clearance_m] = limits.footprint;
     robot.footprint = Some(Footprint { length_m, width_m, clearance_m });
     (robot.body, robot.drive) = (None, None);
@@ -252,7 +250,7 @@ fn the_gate_conforms_to_the_vectors() -> Outcome {
     let file: File = serde_json::from_str(&fs::read_to_string(path)?)?;
     assert_eq!(file.version, protocol::VERSION);
     for case in &file.cases {
-        let robot = robot(&file.robot);
+        let robot = robot(&file.robot, case.wheels.unwrap_or(file.robot.wheels));
         let bounds = Bounds::new(&robot, file.period_ms * NANOS_PER_MS, 0);
         let gate = Gate::new(bounds, file.plant_epoch);
         let surroundings = case.map.as_ref().map(Map::surroundings).transpose()?;

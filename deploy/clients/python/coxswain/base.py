@@ -38,8 +38,15 @@ class Base(ABC):
         """Moves with this body velocity (forward, left, yaw) [m/s, m/s, rad/s].
 
         In real time the driver calls it every few milliseconds, and `seconds` have passed since
-        the last call. In lock step a simulated robot moves for `seconds`. This call also feeds the
-        watchdog of the motors: without it for 0.1 s they must stop by themselves.
+        the last call. In lock step a simulated robot moves for `seconds`.
+        """
+
+    def watchdog(self, valid_s: float) -> None:
+        """Restarts the watchdog of the motors: the velocity of the next `move` may act for this
+        time [s], unless another one follows.
+
+        The driver calls it before each `move`. A process that has died or hangs does not call it:
+        then the hardware must stop the motors by itself. Without this method that does not happen.
         """
 
     def obstacles(self) -> Sequence[Obstacle] | None:

@@ -35,6 +35,7 @@ EachPeriod = Callable[[float, Gate], None]
 
 READY, RUNNING, FINISHED = 1, 2, 4  # phases
 STEP_S = 0.005  # interval between two commands to the wheels
+WATCHDOG_S = 0.1  # after that the motors stop, unless another velocity follows
 REPEAT_S = 1.0  # in lock step: the state is sent again after this time without an answer
 WHEELS_MAX = 8  # in a message
 VALID_PERIODS = 10.0  # time after which a list of the robot's own sensors is too old
@@ -204,6 +205,7 @@ class Driver:
 
     def _move(self, total: list[float], now: float, elapsed: float) -> None:
         command = self.gate.play(now, elapsed)
+        self.base.watchdog(WATCHDOG_S)
         self.base.move(command, elapsed)
         total[:] = [sum_ + value * elapsed for sum_, value in zip(total, command)]
 

@@ -180,11 +180,11 @@ class Duties(unittest.TestCase):
         file = json.loads((Path(__file__).parents[4] / "protocol/vectors/gate.json").read_text())
         period, robot = file["period_ms"] / 1e3, file["robot"]
         vectors = (tuple(robot[key]) for key in ("input", "rate", "brake"))
-        shape = {"radius_m": robot["wheel_radius"], "wheelbase_m": robot["lever"]}
-        wheels = rows({"mecanum": shape | {"track_m": robot["lever"]}})
-        limits = Limits(period, *vectors, robot["wheel_speed"], wheels)
+        limits = Limits(period, *vectors, robot["wheel_speed"], rows(robot["wheels"]))
         for case in file["cases"]:
             with self.subTest(case["name"]):
+                wheels = rows(case.get("wheels", robot["wheels"]))
+                limits = replace(limits, wheels=wheels)
                 protection = self.protection_of(limits, robot, case.get("map"))
                 armed = case.get("armed", True)
                 tried = Gate(limits, file["plant_epoch"], 0.0, armed, protection)
