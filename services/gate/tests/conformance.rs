@@ -139,8 +139,8 @@ impl Answer {
     }
 }
 
-fn robot(limits: &Limits, wheels: Wheels) -> Robot {
-    let mut robot = Robot { wheels, ..Robot::example() };
+fn robot(limits: &Limits, wheels: &Wheels) -> Robot {
+    let mut robot = Robot { wheels: *wheels, ..Robot::example() };
     let [length_m, width_m, clearance_m] = limits.footprint;
     robot.footprint = Some(Footprint { length_m, width_m, clearance_m });
     (robot.body, robot.drive) = (None, None);
@@ -250,7 +250,8 @@ fn the_gate_conforms_to_the_vectors() -> Outcome {
     let file: File = serde_json::from_str(&fs::read_to_string(path)?)?;
     assert_eq!(file.version, protocol::VERSION);
     for case in &file.cases {
-        let robot = robot(&file.robot, case.wheels.unwrap_or(file.robot.wheels));
+        let wheels = case.wheels.as_ref().unwrap_or(&file.robot.wheels);
+        let robot = robot(&file.robot, wheels);
         let bounds = Bounds::new(&robot, file.period_ms * NANOS_PER_MS, 0);
         let gate = Gate::new(bounds, file.plant_epoch);
         let surroundings = case.map.as_ref().map(Map::surroundings).transpose()?;
