@@ -1,10 +1,11 @@
 //! Promise: a robot is driven within its rectangle, and its record becomes a robot file. A drive
 //! that fails leaves an error, and no robot file.
 
-use graph::assembly::robot_of;
+use graph::assembly::{map_of, robot_of};
 use identify::log::bag::Topics;
 use promises::{Outcome, binaries, graph_file, repository};
 use std::error::Error;
+use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -54,6 +55,49 @@ fn a_drive_stays_in_its_rectangle_and_its_record_gives_the_same_file_again() -> 
 
     let output = identify(&home, "second", &[&record, "--robot", &robot])?;
     assert_eq!(output.status.code(), Some(2), "into a folder that is not empty: {output:?}");
+    Ok(())
+}
+
+#[test]
+fn all_of_a_large_robot_stays_in_a_tight_rectangle() -> Outcome {
+    let home = home()?;
+    let (graph, file) = (graph("local"), repository().join("deploy/robots/panther-mecanum.toml"));
+    let robot = file.display().to_string();
+    let drive = ["--drive", &graph, "--robot", &robot, "--pace", "lock-step", "--duration", "20"];
+    let tight = ["--area", "2x2", "--set", "period_millis=20"];
+    let output = identify(&home, "first", &[&drive[..], &tight].concat())?;
+    assert!(output.status.success(), "{output:?}");
+    let record = home.path().join("first/run");
+    let footprint = robot_of(&file)?.footprint().shape();
+    let log = identify::log::Log::read(&[record], &Topics::default())?;
+    for sample in log.stretches.iter().flatten() {
+        for [x, y] in footprint.placed(&sample.pose).corners() {
+            assert!(x.abs() < 1.0 && (y + 1.0).abs() < 1.0, "{sample:?}");
+        }
+    }
+    // The motion ends so near to the border that the gate slows the robot.
+    let summary = fs::read_to_string(home.path().join("first/run/summary.json"))?;
+    let summary: serde_json::Value = serde_json::from_str(&summary)?;
+    assert!(summary["periods_slowed"].as_u64() > Some(0), "{summary}");
+    Ok(())
+}
+
+#[test]
+fn a_map_keeps_its_obstacles_and_its_border_in_a_drive() -> Outcome {
+    let home = home()?;
+    let graph = graph("local");
+    let prepared = ["--drive", &graph, "--prepare", "--area", "3x2"];
+    let output = identify(&home, "own", &prepared)?;
+    assert!(output.status.success(), "{output:?}");
+    // Around the start of the paper's scenario, (0, -1).
+    let corners = vec![[1.5, 0.0], [-1.5, 0.0], [-1.5, -2.0], [1.5, -2.0]];
+    assert_eq!(map_of(&home.path().join("own/map.toml"))?.fence_m, corners);
+
+    let with_map = [&prepared[..], &["--set", "map=\"../maps/hall.toml\""]].concat();
+    let output = identify(&home, "hall", &with_map)?;
+    assert!(output.status.success(), "{output:?}");
+    let hall = map_of(&repository().join("deploy/maps/hall.toml"))?;
+    assert_eq!(map_of(&home.path().join("hall/map.toml"))?, hall);
     Ok(())
 }
 

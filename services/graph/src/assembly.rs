@@ -8,7 +8,7 @@ mod tests;
 
 #[cfg(feature = "faults")]
 pub use read::faults_of;
-pub use read::robot_of;
+pub use read::{map_of, robot_of};
 
 use crate::certificates::Certificates;
 use crate::exposure::Exposed;

@@ -2,16 +2,17 @@
 //!
 //! The motion is a reference of points, which feedforward and proportional feedback follow: no
 //! model decides the input, and the feedback keeps the robot in the rectangle. If it is farther
-//! from the motion than the rectangle has room, the gate stops it.
+//! from the motion than the rectangle has room, the gate stops it. The rectangle is also the border
+//! of the area that the gate does not let the robot leave, unless the scenario's map has a border.
 
 use crate::command::IdentifyOptions;
 use crate::excitation::{self, Room};
-use graph::assembly::robot_of;
+use graph::assembly::{map_of, robot_of};
 use graph::file::Graph;
 use graph::options::Options;
 use graph::scenario::Scenario;
 use process::atomic_file;
-use robot::{Robot, TrackingLimit};
+use robot::{Map, Robot, TrackingLimit};
 use settings::SettingsError;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,7 @@ pub enum DriveError {
     #[error(transparent)]
     Settings(#[from] SettingsError),
     /// The rectangle is too small for the robot.
-    #[error("--area: expected at least {:.2}x{:.2}, twice the robot", least[0], least[1])]
+    #[error("--area: expected at least {:.2}x{:.2}, room to turn and to move", least[0], least[1])]
     Area {
         /// The least length and width \[m\].
         least: [f64; 2],
@@ -140,15 +141,14 @@ pub fn prepare(
     let limits = &robot.limits;
     let planar = STEEP * limits.input_rate_mps2;
     let extent = robot.wheels.half_extent_m();
-    for side in 0..2 {
-        if wanted.area[side] < 4.0 * extent[side] {
-            return Err(DriveError::Area { least: extent.map(|extent| 4.0 * extent) });
-        }
+    let least = extent.map(|extent| least_side(&robot, extent));
+    if wanted.area.iter().zip(&least).any(|(side, least)| side < least) {
+        return Err(DriveError::Area { least });
     }
     let slow_enough =
         (SPEED_PER_ACCELERATION_S * limits.input_rate_mps2).clamp(SPEED_LEAST_MPS, SPEED_MPS);
     let room = Room {
-        size_m: [0, 1].map(|side| wanted.area[side] - 2.0 * extent[side]),
+        size_m: [0, 1].map(|side| room(&robot, extent[side], wanted.area[side])),
         speed_mps: wanted.speed.unwrap_or(slow_enough).min(limits.input_mps),
         yaw_rate_radps: wanted.yaw_rate.min(limits.yaw_input_radps),
         acceleration: [planar, planar, STEEP * limits.yaw_input_rate_radps2],
@@ -162,6 +162,11 @@ pub fn prepare(
     held.limits.tracking_error_m = TrackingLimit::At(margin);
     let held = toml::to_string(&held).map_err(|error| invalid(error.to_string()))?;
     let points = points(&room, duration_s, &scenario, seed);
+    let mut map = scenario.map.as_deref().map(map_of).transpose()?.unwrap_or_default();
+    if map.fence_m.is_empty() {
+        map.fence_m = corners(&wanted.area, &scenario);
+    }
+    let map = toml::to_string::<Map>(&map).map_err(|error| invalid(error.to_string()))?;
     // Nothing can be refused from here on.
     let write = |file: &str, text: &str| {
         let path = folder.join(file);
@@ -171,7 +176,8 @@ pub fn prepare(
         Ok::<_, DriveError>(path)
     };
     let points = write("motion.csv", &points)?;
-    excite(&mut table, &points, duration_s, &scenario_folder);
+    let map = write("map.toml", &map)?;
+    excite(&mut table, &points, &map, duration_s, &scenario_folder);
     let scenario = write("drive.toml", &table.to_string())?;
     let held = write("driven-robot.toml", &held)?;
     let options = Options {
@@ -188,6 +194,35 @@ pub fn prepare(
     Ok(Drive { options, robot, given, hosts })
 }
 
+/// Distance from the centre that the robot needs at any heading \[m\].
+fn reach(robot: &Robot) -> f64 {
+    let footprint = robot.footprint();
+    let (_, radius_m) = footprint.shape().circle();
+    radius_m + footprint.clearance_m
+}
+
+/// Room for the motion along a side of the rectangle, of this length. `extent` is the largest
+/// distance of a wheel from the centre along it \[m\].
+fn room(robot: &Robot, extent: f64, side: f64) -> f64 {
+    (side - 2.0 * extent).min((side - 2.0 * reach(robot)) / (1.0 - excitation::UNUSED))
+}
+
+/// Least length of a side: there is as much room as between the wheels \[m\].
+fn least_side(robot: &Robot, extent: f64) -> f64 {
+    let room = 2.0 * extent;
+    (room + 2.0 * extent).max((1.0 - excitation::UNUSED) * room + 2.0 * reach(robot))
+}
+
+/// Corners of the rectangle around the start of the scenario \[m\].
+fn corners(area: &[f64; 2], scenario: &Scenario) -> Vec<robot::Point> {
+    let [x, y, yaw] = scenario.start.pose;
+    let (sin, cos) = yaw.sin_cos();
+    [[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]
+        .map(|[ahead, side]| [0.5 * ahead * area[0], 0.5 * side * area[1]])
+        .map(|[ahead, side]| [x + cos * ahead - sin * side, y + sin * ahead + cos * side])
+        .to_vec()
+}
+
 /// The motion as a file of points, from the start pose of the scenario.
 fn points(room: &Room, duration_s: f64, scenario: &Scenario, seed: u64) -> String {
     let [x, y, yaw] = scenario.start.pose;
@@ -202,8 +237,8 @@ fn points(room: &Room, duration_s: f64, scenario: &Scenario, seed: u64) -> Strin
     text
 }
 
-/// Replaces reference, method and duration of a scenario.
-fn excite(scenario: &mut Table, points: &Path, duration_s: f64, folder: &Path) {
+/// Replaces reference, map, method and duration of a scenario.
+fn excite(scenario: &mut Table, points: &Path, map: &Path, duration_s: f64, folder: &Path) {
     let points = Value::String(points.display().to_string());
     let file = Table::from_iter([("file".to_owned(), points)]);
     let path = Table::from_iter([("points".to_owned(), Value::Table(file))]);
@@ -214,6 +249,7 @@ fn excite(scenario: &mut Table, points: &Path, duration_s: f64, folder: &Path) {
     let description = "Steps and sines of velocity, to identify the robot.".to_owned();
     scenario.insert("description".to_owned(), Value::String(description));
     scenario.insert("reference".to_owned(), Value::Table(reference));
+    scenario.insert("map".to_owned(), Value::String(map.display().to_string()));
     scenario.insert("duration_s".to_owned(), Value::Float(duration_s));
     scenario.remove("identified");
     if let Some(Value::Table(mpc)) = scenario.get_mut("mpc") {

@@ -12,7 +12,7 @@ use crate::options::Options;
 use crate::scenario::Scenario;
 #[cfg(feature = "faults")]
 use process::Pace;
-use robot::Robot;
+use robot::{Map, Robot};
 use serde::Deserialize;
 use settings::{Check, Impossible, SettingsError};
 use std::fmt::Display;
@@ -64,7 +64,7 @@ impl Assembly {
             return Err(refused(file, "truth", None, expected));
         }
         let robot = robot_of(&robot_file)?;
-        let map = scenario.map.as_deref().map(settings::read::<MapFile>).transpose()?;
+        let map = scenario.map.as_deref().map(map_of).transpose()?;
         graph.pace = options.pace.unwrap_or(graph.pace);
         let folder = options.certificates.clone();
         let folder = folder.or_else(|| {
@@ -88,7 +88,7 @@ impl Assembly {
             scenario,
             scenario_name,
             robot,
-            map: map.map(|MapFile(map)| map),
+            map,
             log: options.log.clone(),
             #[cfg(feature = "faults")]
             faults,
@@ -221,6 +221,14 @@ fn certificates_in(
 /// [`SettingsError`] reports the first error and its place.
 pub fn robot_of(file: &Path) -> Result<Robot, SettingsError> {
     settings::read(file).map(|RobotFile(robot)| robot)
+}
+
+/// Reads and checks a map file.
+///
+/// # Errors
+/// [`SettingsError`] reports the first error and its place.
+pub fn map_of(file: &Path) -> Result<Map, SettingsError> {
+    settings::read(file).map(|MapFile(map)| map)
 }
 
 /// The faults that the options name, for a run of this pace in this world.
