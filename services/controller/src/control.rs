@@ -25,7 +25,7 @@ pub mod tuning;
 use crate::adopt::{Candidate, Event, Expected, Handover};
 use crate::complaints::LimitsInUse;
 use crate::identified::Identified;
-use crate::knowledge::{Knowledge, Measured, Period};
+use crate::knowledge::{Knowledge, Period};
 use crate::mpc::{MpcError, Solved};
 use crate::reference::PointsError;
 use crate::sensors::{Driven, SensorFault, Watch};
@@ -251,7 +251,9 @@ impl Controller {
             self.goal.abort();
             self.planner.hold_now(state.pose, &mut self.knowledge);
         }
-        let now = Measured { pose: state.pose, velocity: state.velocity };
+        let all_measured = state.wheel_speed().len() == self.knowledge.wheels();
+        let wheel_speed = all_measured.then_some(&state.wheel_speed);
+        let now = self.knowledge.measured(state.pose, state.velocity, wheel_speed);
         let mut sample: ResidualSample = bytemuck::Zeroable::zeroed();
         sample.stamp.tick = state.stamp.tick;
         sample.plant_epoch = state.stamp.epoch;

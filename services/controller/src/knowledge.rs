@@ -19,6 +19,7 @@ use model::residual::{bound, residual};
 use model::response::ResponseEstimator;
 use model::{AXES, State, Velocity};
 use protocol::message::{Plan, ResidualSample};
+use robot::{PerWheel, Wheels};
 
 /// One past period.
 #[derive(Debug, Clone, Copy)]
@@ -40,6 +41,8 @@ pub struct Measured {
     pub pose: [f64; 3],
     /// Body velocity.
     pub velocity: Velocity,
+    /// Body velocity that the wheels' speeds give, J⁺ r ω, if they are measured.
+    pub wheels: Option<Velocity>,
 }
 
 /// Everything that a prediction depends on. Does not allocate after set-up.
@@ -52,6 +55,7 @@ pub struct Knowledge {
     /// g of the last period.
     residual: Velocity,
     setting: DelaySetting,
+    wheels: Wheels,
     response: ResponseEstimator,
     /// The response at the start of a run.
     first_response: ResponseEstimator,
@@ -91,6 +95,7 @@ impl Knowledge {
             foresight,
             residual: [0.0; AXES],
             setting: settings.mpc.delay,
+            wheels: settings.robot.wheels,
             first_response: response.clone(),
             response,
             sent: Sent::default(),
@@ -237,11 +242,28 @@ impl Knowledge {
         self.explanations.adopt(candidate)
     }
 
+    /// Number of the robot's wheels; 0 if they are not known.
+    pub fn wheels(&self) -> usize {
+        self.wheels.count()
+    }
+
+    /// What was measured at one moment. `wheel_speed` is that of all wheels of the robot, if it was
+    /// measured \[rad/s\].
+    pub fn measured(
+        &self,
+        pose: [f64; 3],
+        velocity: Velocity,
+        wheel_speed: Option<&PerWheel>,
+    ) -> Measured {
+        let speeds = wheel_speed.filter(|_| self.wheels.count() > 0);
+        Measured { pose, velocity, wheels: speeds.map(|speeds| self.wheels.body(speeds)) }
+    }
+
     /// Processes one period: compares its measurements with each model's prediction.
     pub fn observe(&mut self, period: &Period) {
         let Period { tick, before, given, after } = period;
         self.sent.push(*given);
-        self.response.update(&self.sent, &after.velocity);
+        self.response.update(&self.sent, &after.velocity, after.wheels.as_ref());
         self.acted = self.sent.acted(self.delay);
         self.residual = residual(&self.main, &before.velocity, &self.acted, &after.velocity);
         let known = if self.method == Method::Oracle {
@@ -270,7 +292,7 @@ impl Knowledge {
     pub fn resume(&mut self, measured: &Measured, given: Velocity) {
         self.sent = Sent::always(given);
         self.acted = given;
-        self.response.resume(&measured.velocity);
+        self.response.resume(&measured.velocity, measured.wheels.as_ref());
         self.pose.resume(&measured.pose);
         self.explanations.resume();
         self.velocity = measured.velocity;

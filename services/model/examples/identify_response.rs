@@ -28,7 +28,7 @@ fn main() -> io::Result<()> {
         under_way.push_back(command);
         let acting = under_way.pop_front().unwrap_or_default();
         velocity = main.next_velocity(&velocity, &[GAIN * acting[0], acting[1], acting[2]]);
-        estimator.update(&sent, &velocity);
+        estimator.update(&sent, &velocity, None);
     }
     let axes = estimator.response().axes;
     let mut out = io::stdout();

@@ -21,19 +21,24 @@
 //! changed. Then P grows at once, so that the samples before the change count little.
 //!
 //! The δ with the smallest errors is selected. A soft speed loop shows in A and B, a dead time in
-//! δ. Each has its own parameter, so the estimator does not confuse them.
+//! δ. Each has its own parameter, so the estimator does not confuse them. Noise of the velocity can
+//! hide a dead time for long. So measured wheels propose one too (`wheels`), which is selected
+//! where it does not predict the velocity worse.
 //!
 //! Reference: Åström, Wittenmark, *Adaptive Control*, 2nd ed., section 2.2.
+
+mod hypothesis;
+mod least_squares;
+mod wheels;
 
 use crate::delay::{Delay, Sent};
 use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
+use hypothesis::{DEAD_TIMES, Hypotheses, Hypothesis, Period, better};
+use least_squares::Change;
 use serde::{Deserialize, Serialize};
-
-/// Dead times that are compared \[periods\].
-const DEAD_TIMES: [f64; 14] =
-    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0];
+use wheels::ByWheels;
 
 /// Time constant with which samples and errors are forgotten \[s\].
 const MEMORY_S: f64 = 10.0;
@@ -48,22 +53,6 @@ const EVIDENCE: f64 = 1e-3;
 /// Periods before the first selection. Three unknowns per axis fit a few samples with any dead
 /// time.
 const PERIODS_LEAST: u32 = 10;
-
-/// Variance of A, B and c at the start, as a multiple of the variance of a sample.
-const PRIOR: [f64; 3] = [100.0, 100.0, 0.01];
-
-/// Time over which the errors of an axis are averaged to detect a change \[s\].
-const RECENT_S: f64 = 1.0;
-
-/// A change is detected when the recent mean square of the errors exceeds the lasting one by this
-/// many of its standard deviations.
-const ALARM: f64 = 10.0;
-
-/// Added to P after a change, as a share of its initial value.
-const REOPENED: f64 = 0.01;
-
-/// Largest trace of P.
-const TRACE_MAX: f64 = 300.0;
 
 /// Largest A that is used: a robot that never responds cannot be controlled with it.
 const DECAY_MAX: f64 = 0.995;
@@ -88,129 +77,6 @@ pub struct FirstOrder {
 impl FirstOrder {
     fn believable(&self) -> bool {
         self.decay.abs() < DECAY_MAX && self.gain > GAIN_MIN
-    }
-}
-
-/// Recursive least squares of one axis.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Fit {
-    /// A, B, c: without t, and with it.
-    weights: [[f64; 3]; FRAMES],
-    /// P.
-    covariance: [[f64; 3]; 3],
-}
-
-impl Fit {
-    fn new(decay: f64, gain: f64) -> Self {
-        let covariance = std::array::from_fn(|row| {
-            std::array::from_fn(|column| if row == column { PRIOR[row] } else { 0.0 })
-        });
-        Self { weights: [[decay, gain, 0.0]; FRAMES], covariance }
-    }
-
-    /// Updates the weights with a sample; returns the errors of the previous weights.
-    fn update(
-        &mut self,
-        features: &[f64; 3],
-        targets: &[f64; FRAMES],
-        forgetting: f64,
-    ) -> [f64; FRAMES] {
-        let direction = self.covariance.map(|row| dot(&row, features));
-        let scale = forgetting + dot(features, &direction);
-        let mut errors = *targets;
-        for (error, weights) in errors.iter_mut().zip(&mut self.weights) {
-            *error -= dot(weights, features);
-            for (weight, along) in weights.iter_mut().zip(direction) {
-                *weight += along / scale * *error;
-            }
-        }
-        for (row, along) in self.covariance.iter_mut().zip(direction) {
-            for (value, across) in row.iter_mut().zip(direction) {
-                *value -= along * across / scale;
-            }
-        }
-        let trace: f64 = (0..3).map(|i| self.covariance[i][i]).sum();
-        if trace < TRACE_MAX * forgetting {
-            self.covariance = self.covariance.map(|row| row.map(|value| value / forgetting));
-        }
-        errors
-    }
-
-    /// Trusts the samples so far less.
-    fn reopen(&mut self) {
-        for (index, prior) in PRIOR.iter().enumerate() {
-            self.covariance[index][index] += REOPENED * prior;
-        }
-    }
-
-    fn first_order(&self, frame: usize) -> FirstOrder {
-        let [decay, gain, offset] = self.weights[frame];
-        FirstOrder { decay, gain, offset }
-    }
-}
-
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Detects that the robot or its world has changed: the errors of an axis have grown for a while.
-///
-/// The mean of n squared errors of a normal distribution varies by √(2/n) of its value.
-#[derive(Debug, Clone, Copy, Default)]
-struct Change {
-    /// Mean square of the errors over [`RECENT_S`] and over [`MEMORY_S`] \[(m/s)²\].
-    recent: f64,
-    lasting: f64,
-    /// Number of periods so far.
-    periods: u32,
-}
-
-impl Change {
-    /// Whether the error of a period, of length `period_s`, reveals a change.
-    fn detects(&mut self, error: f64, period_s: f64) -> bool {
-        self.periods = self.periods.saturating_add(1);
-        let periods = f64::from(self.periods);
-        let share = |memory_s: f64| (period_s / memory_s).max(1.0 / periods).min(1.0);
-        let squared = error * error;
-        self.recent += share(RECENT_S) * (squared - self.recent);
-        let count = (2.0 * RECENT_S / period_s).max(1.0);
-        let usual = self.lasting * (1.0 + ALARM * (2.0 / count).sqrt());
-        let detected = periods * period_s > 2.0 * RECENT_S && self.recent > usual;
-        self.lasting += share(MEMORY_S) * (squared - self.lasting);
-        if detected {
-            // The next change is one from here.
-            self.lasting = self.recent;
-        }
-        detected
-    }
-}
-
-/// One hypothesis of the dead time.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Hypothesis {
-    delay: Delay,
-    fits: [Fit; AXES],
-    /// Sum of the squared errors with forgetting: without t, and with it \[(m/s)²\].
-    costs: [f64; FRAMES],
-}
-
-impl Hypothesis {
-    /// Whether t is used.
-    fn turns(&self) -> bool {
-        self.costs[1] < CONVINCING * self.costs[0]
-    }
-
-    fn frame(&self) -> usize {
-        usize::from(self.turns())
-    }
-
-    fn cost(&self) -> f64 {
-        self.costs[self.frame()]
-    }
-
-    fn believable(&self) -> bool {
-        let frame = self.frame();
-        self.cost().is_finite() && self.fits.iter().all(|fit| fit.first_order(frame).believable())
     }
 }
 
@@ -243,9 +109,10 @@ impl FoundResponse {
 #[derive(Debug, Clone)]
 pub struct ResponseEstimator {
     main: MainModel,
-    hypotheses: [Hypothesis; DEAD_TIMES.len()],
+    hypotheses: Hypotheses,
     /// Index of the selected hypothesis.
     believed: usize,
+    by_wheels: ByWheels,
     forgetting: f64,
     changes: [Change; AXES],
     /// Converts a yaw rate to a speed \[–, –, m\].
@@ -259,15 +126,11 @@ pub struct ResponseEstimator {
 impl ResponseEstimator {
     /// Begins with `main` and no dead time, for a robot whose wheels are `lever_m` from its centre.
     pub fn new(main: &MainModel, lever_m: f64) -> Self {
-        let hypothesis = |periods| Hypothesis {
-            delay: Delay::of_periods(periods),
-            fits: std::array::from_fn(|axis| Fit::new(main.decay[axis], main.gain[axis])),
-            costs: [0.0; FRAMES],
-        };
         Self {
             main: *main,
-            hypotheses: DEAD_TIMES.map(hypothesis),
+            hypotheses: Hypothesis::all(main),
             believed: 0,
+            by_wheels: ByWheels::new(main),
             forgetting: (-main.period / MEMORY_S).exp(),
             changes: [Change::default(); AXES],
             scale: [1.0, 1.0, lever_m],
@@ -279,7 +142,7 @@ impl ResponseEstimator {
     /// Begins with the compared dead time that is nearest to this one \[s\].
     #[must_use]
     pub fn with_dead_time(mut self, dead_time_s: f64) -> Self {
-        self.believed = self.nearest(dead_time_s);
+        self.believe(self.nearest(dead_time_s));
         self
     }
 
@@ -288,7 +151,7 @@ impl ResponseEstimator {
     /// has identified the response.
     pub fn begin_at_dead_time(&mut self, reported_s: f64) {
         if self.taken == 0 && reported_s > 0.0 && reported_s.is_finite() {
-            self.believed = self.nearest(reported_s);
+            self.believe(self.nearest(reported_s));
         }
     }
 
@@ -311,7 +174,8 @@ impl ResponseEstimator {
         let is_usable = found.is_usable();
         if is_usable {
             self.hypotheses.copy_from_slice(&found.hypotheses);
-            (self.believed, self.taken, self.before) = (found.believed, found.taken, None);
+            (self.taken, self.before) = (found.taken, None);
+            self.believe(found.believed);
         }
         is_usable
     }
@@ -338,39 +202,41 @@ impl ResponseEstimator {
     }
 
     /// Updates the estimate with the period that has just ended with velocity `after`. Its command
-    /// is the newest of `sent`. Ignores numbers that are not finite.
-    pub fn update(&mut self, sent: &Sent, after: &Velocity) {
-        let known = after.iter().chain(&sent.last()).all(|value| value.is_finite());
-        if !known {
+    /// is the newest of `sent`. `wheels` is the velocity that the wheels' speeds give, if they are
+    /// measured \[m/s, m/s, rad/s\]. Ignores numbers that are not finite.
+    pub fn update(&mut self, sent: &Sent, after: &Velocity, wheels: Option<&Velocity>) {
+        let is_finite = |numbers: &Velocity| numbers.iter().all(|value| value.is_finite());
+        let wheels = wheels.filter(|wheels| is_finite(wheels));
+        if !is_finite(after) || !is_finite(&sent.last()) {
             self.before = None;
+            self.by_wheels.resume(None);
             return;
         }
-        let Some(before) = self.before.replace(*after) else { return };
+        let Some(before) = self.before.replace(*after) else {
+            self.by_wheels.resume(wheels);
+            return;
+        };
         self.taken = self.taken.saturating_add(1);
         let turning = turning(&self.main, &before).mean;
+        let (forgetting, scale) = (self.forgetting, self.scale);
+        let period = Period { before, after: *after, turning, forgetting, scale };
         let mut believed_errors = [0.0; AXES];
         for (index, hypothesis) in self.hypotheses.iter_mut().enumerate() {
-            let acted = sent.acted(hypothesis.delay);
             let frame = hypothesis.frame();
-            let mut squared = [0.0; FRAMES];
-            for axis in 0..AXES {
-                let features = [before[axis], acted[axis], 1.0];
-                let fit = &mut hypothesis.fits[axis];
-                let targets = [after[axis], after[axis] - turning[axis]];
-                let errors = fit.update(&features, &targets, self.forgetting);
-                if index == self.believed {
-                    believed_errors[axis] = errors[frame];
-                }
-                for (squared, error) in squared.iter_mut().zip(errors) {
-                    *squared += (self.scale[axis] * error).powi(2);
-                }
-            }
-            for (cost, squared) in hypothesis.costs.iter_mut().zip(squared) {
-                *cost = self.forgetting * *cost + squared;
+            let errors = hypothesis.update(&period, &sent.acted(hypothesis.delay));
+            if index == self.believed {
+                believed_errors = errors[frame];
             }
         }
         self.forget_contradicted(&believed_errors);
-        self.believe();
+        self.select();
+        if let Some(wheels) = wheels {
+            let proposed =
+                self.by_wheels.update(&self.main, sent, wheels, self.scale, self.forgetting);
+            self.consider(proposed);
+        } else {
+            self.by_wheels.resume(None);
+        }
     }
 
     /// Reopens the fits of the axes on which the robot or its world has changed. `errors` are those
@@ -383,22 +249,38 @@ impl ResponseEstimator {
         }
     }
 
-    fn believe(&mut self) {
-        let best = (0..DEAD_TIMES.len())
-            .filter(|&i| self.hypotheses[i].believable())
-            .min_by(|&a, &b| self.hypotheses[a].cost().total_cmp(&self.hypotheses[b].cost()));
-        let Some(best) = best else { return };
-        let (present, least) =
-            (self.hypotheses[self.believed].cost(), self.hypotheses[best].cost());
-        let convinces = least < CONVINCING * present && present - least > EVIDENCE;
-        if convinces && self.taken >= PERIODS_LEAST {
-            self.believed = best;
+    /// Selects this dead time, also as the one of the wheels.
+    fn believe(&mut self, index: usize) {
+        self.believed = index;
+        self.by_wheels.begin_with(&self.hypotheses, index);
+    }
+
+    /// Selects the dead time that predicts the velocity best, if it is convincingly better.
+    fn select(&mut self) {
+        let hypotheses = &self.hypotheses;
+        let usable = |index: usize| hypotheses[index].believable();
+        let best = better(self.believed, usable, |index| hypotheses[index].cost());
+        if self.taken >= PERIODS_LEAST {
+            self.believed = best.unwrap_or(self.believed);
         }
     }
 
-    /// A period is missing: the next one begins with `velocity`.
-    pub fn resume(&mut self, velocity: &Velocity) {
+    /// Selects a dead time that the wheels propose, if it predicts the velocity no worse.
+    fn consider(&mut self, proposed: Option<usize>) {
+        let no_worse = |index: &usize| {
+            let other = &self.hypotheses[*index];
+            other.believable() && other.cost() <= self.hypotheses[self.believed].cost()
+        };
+        if let Some(index) = proposed.filter(no_worse) {
+            self.believed = index;
+        }
+    }
+
+    /// A period is missing: the next one begins with `velocity`, and `wheels` as in
+    /// [`update`](Self::update).
+    pub fn resume(&mut self, velocity: &Velocity, wheels: Option<&Velocity>) {
         self.before = Some(*velocity);
+        self.by_wheels.resume(wheels);
     }
 }
 

@@ -5,7 +5,7 @@
 //! seconds of a log have the dead time of the robot file.
 
 use controller::Settings;
-use controller::knowledge::{self, Knowledge, Measured};
+use controller::knowledge::{self, Knowledge};
 use identify::log::{Log, Stretch};
 use model::main_model::MainModel;
 use model::{State, Velocity};
@@ -40,7 +40,7 @@ fn passage(stretch: &Stretch, knowledge: &mut Knowledge) -> Passage {
     let mut passage = Vec::with_capacity(stretch.len());
     let mut before: Option<State> = None;
     for (sample, tick) in stretch.iter().zip(0..) {
-        let after = Measured { pose: sample.pose, velocity: sample.velocity };
+        let after = knowledge.measured(sample.pose, sample.velocity, sample.wheel_speed.as_ref());
         match before {
             None => knowledge.resume(&after, sample.input),
             Some(before) => {

@@ -101,7 +101,7 @@ fn a_robot_with_another_response_is_predicted_by_its_response() {
     let mut explanations = explanations(choice);
     let mut estimator = ResponseEstimator::new(&main(), 0.5);
     let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
-    estimator.resume(&velocity);
+    estimator.resume(&velocity, None);
     for k in 0..500 {
         // A soft speed loop forward; the other axes match the main model.
         let input: Velocity = std::array::from_fn(|axis| (0.2 * (k + axis) as f64).sin());
@@ -110,7 +110,7 @@ fn a_robot_with_another_response_is_predicted_by_its_response() {
         next[0] = 0.95 * velocity[0] + 0.05 * input[0];
         let residual = model::residual::residual(&main(), &velocity, &input, &next);
         let at = Moment { velocity, input, before: input, ..Moment::default() };
-        estimator.update(&sent, &next);
+        estimator.update(&sent, &next, None);
         explanations.update(&at, &residual, &[0.0; AXES], estimator.response(), 0);
         velocity = next;
     }

@@ -44,7 +44,7 @@ fn found_changing(
         });
         let measured =
             std::array::from_fn(|axis| velocity[axis] + noise * (12.9 * (k + axis) as f64).sin());
-        estimator.update(&sent, &measured);
+        estimator.update(&sent, &measured, None);
     }
     estimator
 }
@@ -118,7 +118,7 @@ fn the_response_at_standstill_stays_that_of_the_main_model() {
     let main = MainModel::new(&Robot::example(), 0.02);
     let mut estimator = ResponseEstimator::new(&main, 0.5);
     for _ in 0..10_000 {
-        estimator.update(&Sent::default(), &[0.0; 3]);
+        estimator.update(&Sent::default(), &[0.0; 3], None);
     }
     assert_eq!(estimator.delay(), Delay::default());
     for (axis, found) in estimator.response().axes.iter().enumerate() {
@@ -157,8 +157,8 @@ fn no_turning_frame_is_used_for_wheels_that_hold_their_speed() {
 fn numbers_that_are_not_finite_are_ignored() {
     let before = found(2.0, soft(0.8), 0.0, 150);
     let mut after = before.clone();
-    after.update(&Sent::always([f64::NAN; 3]), &[0.0; 3]);
-    after.update(&Sent::default(), &[f64::INFINITY; 3]);
+    after.update(&Sent::always([f64::NAN; 3]), &[0.0; 3], None);
+    after.update(&Sent::default(), &[f64::INFINITY; 3], None);
     assert_eq!(after.response(), before.response());
     assert_eq!(after.delay(), before.delay());
 }
@@ -206,4 +206,59 @@ fn a_change_of_the_robot_is_found_within_three_seconds() {
         found_changing(1.0, |k| if k < 1_000 { before } else { after }, 2e-3, count, 0.0);
     let differs = differs(&estimator, after);
     assert!(differs < 0.1, "{differs}");
+}
+
+/// Number of the period in which the dead time of a robot that accelerates slowly, with noise of 5
+/// mm/s on its velocity, is known and stays so.
+fn known_after(periods: f64, count: usize, with_wheels: bool, slip: f64) -> Option<usize> {
+    let main = MainModel::new(&Robot::example(), 0.02);
+    let delay = Delay::of_periods(periods);
+    let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.25));
+    let (mut wheels, mut body, mut known) = ([0.0; AXES], [0.0; AXES], None);
+    for k in 0..count {
+        let start = (0.01 * k as f64).min(0.3);
+        sent.push([start + 0.05 * (0.1 * k as f64).sin(), 0.03 * (0.17 * k as f64).sin(), 0.0]);
+        let acted = sent.acted(delay);
+        wheels = std::array::from_fn(|axis| 0.9 * wheels[axis] + 0.1 * acted[axis]);
+        // The body of a robot that slides follows its wheels late.
+        body = std::array::from_fn(|axis| slip * body[axis] + (1.0 - slip) * wheels[axis]);
+        let measured =
+            std::array::from_fn(|axis| body[axis] + 0.007 * (12.9 * (k * k + axis) as f64).sin());
+        estimator.update(&sent, &measured, with_wheels.then_some(&wheels));
+        let is_known = (estimator.delay().periods() - periods).abs() <= 0.5;
+        known = if is_known { known.or(Some(k)) } else { None };
+    }
+    known
+}
+
+#[test]
+fn wheels_reveal_a_dead_time_that_noise_hides() {
+    let with_wheels = known_after(2.5, 1_000, true, 0.0);
+    assert!(with_wheels.is_some_and(|period| period < 100), "{with_wheels:?}");
+    let without = known_after(2.5, 1_000, false, 0.0);
+    assert!(without.is_none_or(|period| period > 300), "{without:?}");
+}
+
+#[test]
+fn wheels_of_a_robot_without_a_dead_time_propose_none() {
+    assert_eq!(known_after(0.0, 1_000, true, 0.0), Some(0));
+    assert_eq!(known_after(0.0, 1_000, true, 0.8), Some(0));
+}
+
+#[test]
+fn wheels_that_stand_still_and_wheels_that_are_not_finite_change_nothing() {
+    let main = MainModel::new(&Robot::example(), 0.02);
+    for wheels in [[0.0; AXES], [f64::NAN; AXES], [1e300, -1e300, 0.0]] {
+        let [mut with, mut without] = [(); 2].map(|()| ResponseEstimator::new(&main, 0.5));
+        let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
+        for k in 0..300 {
+            sent.push([(0.3 * f64::from(k)).sin(), 0.0, 0.2]);
+            let acted = sent.acted(Delay::of_periods(3.0));
+            velocity = std::array::from_fn(|axis| 0.7 * velocity[axis] + 0.3 * acted[axis]);
+            with.update(&sent, &velocity, Some(&wheels));
+            without.update(&sent, &velocity, None);
+            assert_eq!(with.delay(), without.delay(), "{wheels:?}, {k}");
+            assert_eq!(with.response(), without.response(), "{wheels:?}, {k}");
+        }
+    }
 }

@@ -1,0 +1,114 @@
+//! One dead time, with the response that explains past samples best for it.
+
+use super::least_squares::Fit;
+use super::{CONVINCING, EVIDENCE, FRAMES};
+use crate::delay::Delay;
+use crate::main_model::MainModel;
+use crate::{AXES, Velocity};
+use serde::{Deserialize, Serialize};
+
+/// Dead times that are compared \[periods\].
+pub(super) const DEAD_TIMES: [f64; 14] =
+    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// All dead times.
+pub(super) type Hypotheses = [Hypothesis; DEAD_TIMES.len()];
+
+/// One period of a velocity.
+pub(super) struct Period {
+    /// At its start \[m/s, m/s, rad/s\].
+    pub(super) before: Velocity,
+    /// At its end.
+    pub(super) after: Velocity,
+    /// t(v) of its start.
+    pub(super) turning: Velocity,
+    /// Factor that keeps past costs.
+    pub(super) forgetting: f64,
+    /// Converts a yaw rate to a speed \[–, –, m\].
+    pub(super) scale: Velocity,
+}
+
+impl Period {
+    /// Its velocity at the end, as v and as v − t.
+    fn targets(&self, axis: usize) -> [f64; FRAMES] {
+        [self.after[axis], self.after[axis] - self.turning[axis]]
+    }
+
+    /// Adds the squares of errors to the faded costs.
+    pub(super) fn add(&self, costs: &mut [f64; FRAMES], errors: &[Velocity; FRAMES]) {
+        for (cost, errors) in costs.iter_mut().zip(errors) {
+            let mut squared = 0.0;
+            for (error, scale) in errors.iter().zip(self.scale) {
+                squared += (scale * error).powi(2);
+            }
+            *cost = self.forgetting * *cost + squared;
+        }
+    }
+}
+
+/// One hypothesis of the dead time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct Hypothesis {
+    pub(super) delay: Delay,
+    pub(super) fits: [Fit; AXES],
+    /// Sum of the squared errors with forgetting: without t, and with it \[(m/s)²\].
+    pub(super) costs: [f64; FRAMES],
+}
+
+impl Hypothesis {
+    /// Every dead time with the response of `main`.
+    pub(super) fn all(main: &MainModel) -> Hypotheses {
+        DEAD_TIMES.map(|periods| Self {
+            delay: Delay::of_periods(periods),
+            fits: std::array::from_fn(|axis| Fit::new(main.decay[axis], main.gain[axis])),
+            costs: [0.0; FRAMES],
+        })
+    }
+
+    /// Updates fits and costs with a period in which `acted` acted. Returns the errors of the fits
+    /// before.
+    pub(super) fn update(&mut self, period: &Period, acted: &Velocity) -> [Velocity; FRAMES] {
+        let mut errors = [[0.0; AXES]; FRAMES];
+        for axis in 0..AXES {
+            let features = [period.before[axis], acted[axis], 1.0];
+            let of = self.fits[axis].update(&features, &period.targets(axis), period.forgetting);
+            for (errors, error) in errors.iter_mut().zip(of) {
+                errors[axis] = error;
+            }
+        }
+        period.add(&mut self.costs, &errors);
+        errors
+    }
+
+    /// Whether t is used.
+    pub(super) fn turns(&self) -> bool {
+        self.costs[1] < CONVINCING * self.costs[0]
+    }
+
+    pub(super) fn frame(&self) -> usize {
+        usize::from(self.turns())
+    }
+
+    pub(super) fn cost(&self) -> f64 {
+        self.costs[self.frame()]
+    }
+
+    pub(super) fn believable(&self) -> bool {
+        let frame = self.frame();
+        self.cost().is_finite() && self.fits.iter().all(|fit| fit.first_order(frame).believable())
+    }
+}
+
+/// The dead time with the least cost among the `usable` ones, if it is convincingly better than the
+/// `present` one.
+pub(super) fn better(
+    present: usize,
+    usable: impl Fn(usize) -> bool,
+    cost: impl Fn(usize) -> f64,
+) -> Option<usize> {
+    let best = (0..DEAD_TIMES.len())
+        .filter(|&index| usable(index))
+        .min_by(|&a, &b| cost(a).total_cmp(&cost(b)))?;
+    let (present, least) = (cost(present), cost(best));
+    (least < CONVINCING * present && present - least > EVIDENCE).then_some(best)
+}
