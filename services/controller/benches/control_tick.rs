@@ -24,7 +24,7 @@ use protocol::clock::monotonic_nanos;
 use protocol::message::{
     FallbackLevel, GateState, INPUTS_MAX, ModelSnapshot, ObstacleSource, PlantState, SnapshotHead,
 };
-use robot::{ImpossibleShape, Obstacle, Robot, Shape};
+use robot::{ImpossibleShape, Obstacle, Robot, Shape, Wheels};
 use std::error::Error;
 use std::hint::black_box;
 use transport::Links;
@@ -85,6 +85,12 @@ fn settings() -> Settings {
         },
         solver_faults: SolverFaults::default(),
     }
+}
+
+/// Wheel speeds that belong to the velocity.
+fn measure_wheels(state: &mut PlantState, wheels: &Wheels) {
+    (state.wheels, state.wheel_speed_valid) = (wheels.count() as u32, 1);
+    state.wheel_speed = wheels.speeds(state.velocity);
 }
 
 const NORMALISATION: Normalisation<INPUTS> =
@@ -174,6 +180,7 @@ fn control_tick(criterion: &mut Criterion) {
         (state.stamp.epoch, state.stamp.tick, state.fallback_level) =
             (1, 0, FallbackLevel::FreshPlan.code());
         (state.velocity, state.input) = ([2.7, 0.0, 0.0], [2.7, 0.0, 0.0]);
+        measure_wheels(&mut state, &Robot::example().wheels);
         group.bench_function(if learned { "120 points" } else { "main model" }, |bencher| {
             bencher.iter(|| {
                 state.stamp.tick = (state.stamp.tick + 1) % 200;
@@ -226,6 +233,7 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
                 (tick, FallbackLevel::FreshPlan.code());
             (measured.pose, measured.velocity, measured.input) =
                 (robot.pose, robot.velocity, robot.acted);
+            measure_wheels(&mut measured, &settings.robot.wheels);
             let begin = monotonic_nanos();
             controller.observe(&measured, &handover, 1);
             let command = controller.answer(&measured, &handover);
@@ -260,9 +268,56 @@ fn million_ticks() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Median times of a whole tick on a circle, with N = 20, T = 20 ms and 100 learned points: without
-/// obstacles, prepared for lists of which none has come, and with eight discs that move with the
-/// robot, close around it. No tick allocates.
+/// Discs around the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Around {
+    /// None, and no tick is prepared for any.
+    Nothing,
+    /// None, but each tick is prepared for them.
+    Prepared,
+    /// An alley of standing discs along the circle, 0.35 m beside the robot's centre. The nearest
+    /// eight are in the program.
+    Alley,
+    /// Eight that move with the robot, close around it.
+    Enclosed,
+}
+
+impl Around {
+    const ALL: [Self; 4] = [Self::Nothing, Self::Prepared, Self::Alley, Self::Enclosed];
+    const RADIUS_M: f64 = 0.2;
+    const APART_M: f64 = 0.55;
+
+    /// Its discs, around a robot on the circle of radius 2 m about (0, 2).
+    fn write(self, robot: &State, discs: &mut Vec<Obstacle>) -> Result<(), ImpossibleShape> {
+        discs.clear();
+        let mut add = |centre: [f64; 2], velocity_mps: [f64; 2]| {
+            let shape = Shape::hull(&[centre], Self::RADIUS_M)?;
+            discs.push(Obstacle { shape, velocity_mps });
+            Ok(())
+        };
+        match self {
+            Self::Nothing | Self::Prepared => Ok(()),
+            Self::Alley => (0..36).try_for_each(|i| {
+                let (y, x) = (std::f64::consts::PI / 18.0 * f64::from(i)).sin_cos();
+                let side = if i % 2 == 0 { Self::APART_M } else { -Self::APART_M };
+                add([(2.0 + side) * x, 2.0 + (2.0 + side) * y], [0.0; 2])
+            }),
+            Self::Enclosed => {
+                let (sin, cos) = robot.pose[2].sin_cos();
+                let [forward, left, _] = robot.velocity;
+                let velocity = [cos * forward - sin * left, sin * forward + cos * left];
+                (0..8).try_for_each(|i| {
+                    let (y, x) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
+                    let [centre_x, centre_y, _] = robot.pose;
+                    add([centre_x + Self::APART_M * x, centre_y + Self::APART_M * y], velocity)
+                })
+            }
+        }
+    }
+}
+
+/// Median times of a whole tick on a circle, with N = 20, T = 20 ms and 100 learned points, for each
+/// arrangement of discs. No tick allocates.
 fn obstacles() -> Result<(), Box<dyn Error>> {
     const MEASURED: usize = 20_000;
     let mut settings = settings();
@@ -271,37 +326,27 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
     settings.reference.path =
         controller::reference::PathSettings::Circle { radius_m: 2.0, speed_mps: 1.0 };
     (settings.mpc.horizon_steps, settings.mpc.control_horizon_steps) = (20, 10);
-    let mut medians = [0.0; 3];
-    let mut held = 0;
-    // Iterations of the solver, and times to linearise and to solve [ns], means.
-    let mut sums = [0.0; 3];
-    let cases = [(false, false), (true, false), (true, true)];
-    for (median, (prepared, among)) in medians.iter_mut().zip(cases) {
-        settings.sees_obstacles = prepared;
+    let mut without = f64::NAN;
+    for around in Around::ALL {
+        settings.sees_obstacles = around != Around::Nothing;
         let mut controller = Controller::new(&settings)?;
         drop(controller.adopt(candidate(100)?));
         let handover = Handover::default();
         let mut measured: PlantState = bytemuck::Zeroable::zeroed();
         (measured.gate, measured.stamp.epoch) = (GateState::Driving.code(), 1);
         let (mut robot, mut times) = (State::default(), Vec::with_capacity(MEASURED));
-        let mut discs = Vec::with_capacity(8);
-        sums = [0.0; 3];
+        let (mut discs, mut held) = (Vec::with_capacity(36), 0_u64);
+        // Iterations of the solver, and times to linearise and to solve [ns], means.
+        let mut sums = [0.0; 3];
         let mut tick_once = |tick: usize| -> Result<(), ImpossibleShape> {
             (measured.stamp.tick, measured.fallback_level) =
                 (tick as u64, FallbackLevel::FreshPlan.code());
             (measured.pose, measured.velocity, measured.input) =
                 (robot.pose, robot.velocity, robot.acted);
-            let (sin, cos) = robot.pose[2].sin_cos();
-            let [forward, left, _] = robot.velocity;
-            discs.clear();
-            for i in 0..8 {
-                let (y, x) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
-                let centre = [robot.pose[0] + 0.55 * x, robot.pose[1] + 0.55 * y];
-                let velocity_mps = [cos * forward - sin * left, sin * forward + cos * left];
-                discs.push(Obstacle { shape: Shape::hull(&[centre], 0.2)?, velocity_mps });
-            }
+            measure_wheels(&mut measured, &settings.robot.wheels);
+            around.write(&robot, &mut discs)?;
             let begin = monotonic_nanos();
-            if among {
+            if !discs.is_empty() {
                 controller.see_obstacles(ObstacleSource::Robot, &discs, tick as u64);
             }
             controller.observe(&measured, &handover, 1);
@@ -314,8 +359,8 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
                 for (sum, value) in sums.iter_mut().zip(of_plan) {
                     *sum += value as f64 / MEASURED as f64;
                 }
+                held += u64::from(controller.is_held_by_obstacle());
             }
-            held += u64::from(among && controller.is_held_by_obstacle());
             robot = controller.knowledge().belief().predict(&robot, &input);
             Ok(())
         };
@@ -329,19 +374,21 @@ fn obstacles() -> Result<(), Box<dyn Error>> {
             return Err(format!("{} bytes were allocated", heap.bytes_total).into());
         }
         times.sort_unstable();
-        *median = 1e-3 * times[times.len() / 2] as f64;
+        let median = 1e-3 * times[times.len() / 2] as f64;
+        if around == Around::Nothing {
+            without = median;
+        }
+        let [iterations, linearise, solve] = sums;
+        println!(
+            "{{\"around\":\"{around:?}\",\"tick_us\":{median:.1},\"of_none\":{:.2},\
+             \"held_share\":{:.2},\"iterations\":{iterations:.0},\"linearise_us\":{:.1},\
+             \"solve_us\":{:.1}}}",
+            median / without,
+            held as f64 / MEASURED as f64,
+            1e-3 * linearise,
+            1e-3 * solve
+        );
     }
-    let ([without, prepared, with], [iterations, linearise, solve]) = (medians, sums);
-    println!(
-        "{{\"tick_without_obstacles_us\":{without:.1},\"prepared_us\":{prepared:.1},\
-         \"with_8_us\":{with:.1},\
-         \"ratio\":{:.2},\"held_share\":{:.2},\"iterations\":{iterations:.0},\
-         \"linearise_us\":{:.1},\"solve_us\":{:.1}}}",
-        with / without,
-        held as f64 / (MEASURED as f64 + WARM_UP as f64),
-        1e-3 * linearise,
-        1e-3 * solve
-    );
     Ok(())
 }
 
