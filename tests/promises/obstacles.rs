@@ -1,12 +1,13 @@
 //! Promise: a robot among known obstacles and discs that cross its way reaches its goals and
-//! touches nothing, stays in its area, and keeps the speed limits of zones. On two hosts it has the
-//! same bits. A bad map starts nothing.
+//! touches nothing, also where discs close in on it from two sides. It stays in its area, and keeps
+//! the speed limits of zones. On two hosts it has the same bits. A bad map starts nothing.
 
-use promises::{Launched, Message, Outcome, Record, repository};
+use promises::{Launched, Message, Outcome, Record, binaries, repository, text_of};
 use robot::{Map, Obstacle, Robot, Shape, Surroundings};
 use std::error::Error;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 /// Excess of a speed limit that the lag of the robot explains [m/s].
 const ZONE_SLACK_MPS: f64 = 0.05;
@@ -89,6 +90,22 @@ fn the_robot_reaches_its_goals_and_touches_nothing_on_one_host_and_on_two() -> O
     assert_eq!(two.len(), alone.len());
     for (tick, (two, alone)) in two.iter().zip(&alone).enumerate() {
         assert_eq!(two, alone, "tick {tick}");
+    }
+    Ok(())
+}
+
+#[test]
+fn discs_that_close_in_on_a_robot_from_two_sides_do_not_touch_it() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let rows = folder.path().join("rows.jsonl");
+    for seed in ["70", "150"] {
+        let mut command = Command::new(binaries()?.join("coxswain"));
+        command.current_dir(repository()).args(["experiment", "worlds", "--count", "1"]);
+        command.args(["--first", seed, "--json"]).arg(&rows);
+        text_of(&mut command)?;
+        let row: serde_json::Value = serde_json::from_str(&fs::read_to_string(&rows)?)?;
+        assert!(row["collision"].is_null(), "seed {seed}: {row}");
+        assert!(row["least_m"].as_f64().is_some_and(|least| least > 0.0), "seed {seed}: {row}");
     }
     Ok(())
 }

@@ -246,6 +246,9 @@ impl Controller {
         }
         let waits = self.held_up || matches!(self.gate, GateState::Disarmed | GateState::Stopped);
         self.planner.let_reference_wait(waits, state.stamp.tick, braking, &mut self.knowledge);
+        if state.reason().is_slowed() {
+            self.planner.plan_again(state, &mut self.knowledge);
+        }
         // Other goals wait. A velocity would move the robot long after its time.
         if waits && self.goal.is_past_velocity(state.stamp.tick) {
             self.goal.abort();

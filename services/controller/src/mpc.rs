@@ -320,6 +320,13 @@ impl Mpc {
         (self.planned, self.expectation) = (false, None);
     }
 
+    /// Plans anew from `state`, because the robot has not done what the present plan says. A plan
+    /// that leads past an obstacle where the gate stops the robot would never end otherwise.
+    pub fn begin_again(&mut self, state: &State) {
+        self.deviation.fill([0.0; 3]);
+        self.begin_at(state);
+    }
+
     /// N.
     pub fn horizon(&self) -> usize {
         self.horizon

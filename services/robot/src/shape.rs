@@ -177,6 +177,12 @@ impl Shape {
         Separation { distance_m: distance - radii, normal, nearest_m: here }
     }
 
+    /// Largest coordinate of the shape along `normal`, a unit vector \[m\].
+    pub fn extent_m(&self, normal: Point) -> f64 {
+        let along = self.corners().iter().map(|corner| dot(normal, *corner));
+        along.fold(f64::NEG_INFINITY, f64::max) + self.radius_m
+    }
+
     /// The edge of this hull beyond which `other` lies farthest: its outer normal times `sign`, and
     /// the gap along it, negative where all edges have a part of `other` inside.
     fn widest_gap(&self, other: &Self, sign: f64) -> Option<Gap> {

@@ -14,6 +14,7 @@ use crate::settings::Method;
 use model::Pose;
 use model::{AXES, State, Velocity};
 use protocol::clock::monotonic_nanos;
+use protocol::message::PlantState;
 
 /// Iterations per period of a controller with foresight. It is meant to be accurate, not fast.
 const FORESEEING_ITERATIONS: usize = 2;
@@ -193,6 +194,13 @@ impl Planner {
         if self.clock != before {
             self.aim_again(knowledge);
         }
+    }
+
+    /// The gate slowed the robot before `state`: it did not do what the plan says.
+    pub(super) fn plan_again(&mut self, state: &PlantState, knowledge: &mut Knowledge) {
+        let (pose, velocity) = (state.pose, state.velocity);
+        self.mpc.begin_again(&State { pose, velocity, ..State::default() });
+        self.aim_again(knowledge);
     }
 
     /// The reference at `tick`, by its own clock.

@@ -2,17 +2,19 @@
 //!
 //! | here         | in the equations | meaning                                              |
 //! |--------------|------------------|------------------------------------------------------|
-//! | `distance_m` | d                | from the footprint to the obstacle, at that stage    |
-//! | `normal`     | n                | unit vector along it, towards the obstacle           |
-//! | `arm`        | r                | from the robot's centre to its nearest point         |
+//! | `distance_m` | d                | from a corner of the footprint to the line           |
+//! | `normal`     | n                | unit vector across the line, towards the obstacle    |
+//! | `arm_m`      | r                | from the robot's centre to the corner                |
 //! | `margin_of`  | m                | distance that the plan keeps; more if it moves       |
 //!
-//! A line between two convex shapes parts them, wherever they touch it. So a move of the pose by
-//! (Δp, Δθ) changes the distance by −n·Δp − (r × n) Δθ, to first order. One row per stage and
-//! obstacle:
+//! A line between two convex shapes parts them, at that stage. They do not touch as long as all
+//! corners of the footprint stay before it, which is also the condition of the gate. A move of the
+//! pose by (Δp, Δθ) changes the distance of a corner by −n·Δp − (r × n) Δθ, to first order. The two
+//! corners that are nearest to the line have a row each. With one alone, a turn that moves this one
+//! away and the other one through the line would seem to lead away from the obstacle.
 //!
 //! ```text
-//! n·Δp + (r × n) Δθ ≤ d_{k+1} − b_{k+1} + s          b_0 = d_0
+//! n·Δp + (r × n) Δθ ≤ d_{k+1} − b_{k+1} + s          b_0: distance at the start of the plan
 //! b_{k+1} = max(m, b_k − T c(b_k − m))               outside the margin
 //! b_{k+1} = b_k + (1 − e^{−T/θ}) (m − b_k)           inside it, back to it with θ = 0.2 s
 //! b_{k+1} ≤ b_k + T v                                where it touches, with v = 0.3 m/s
@@ -30,6 +32,8 @@ use std::f64::consts::SQRT_2;
 
 /// Most obstacles of one program.
 pub const ACTIVE_MAX: usize = 8;
+/// Corners of the footprint that have a row for an obstacle.
+pub const CORNERS: usize = 2;
 /// Distance beyond the clearance of the gate, so that the gate does not act \[m\].
 const BEYOND_CLEARANCE_M: f64 = 0.03;
 /// Distance that is a bound of 1 in a row \[m\].
@@ -44,6 +48,48 @@ const RETURN_S: f64 = 0.2;
 const LEAVES_MPS: f64 = 0.3;
 /// A row whose bound is closer than this, in units of its bound, holds the plan.
 const HOLDS: f64 = 1e-3;
+
+/// One corner of the footprint before the line to an obstacle.
+#[derive(Debug, Clone, Copy)]
+struct Corner {
+    distance_m: f64,
+    arm_m: Point,
+}
+
+/// One obstacle along the plan.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Approach {
+    /// b \[m\].
+    least_m: f64,
+    normal: Point,
+    /// Those nearest to the line, the nearest one first.
+    corners: [Option<Corner>; CORNERS],
+}
+
+impl Approach {
+    /// Keeps `corner` if it is one of the nearest.
+    fn consider(&mut self, corner: Corner) {
+        let mut other = Some(corner);
+        for nearest in &mut self.corners {
+            if let Some(one) = other
+                && nearest.is_none_or(|nearest| one.distance_m < nearest.distance_m)
+            {
+                std::mem::swap(nearest, &mut other);
+            }
+        }
+    }
+
+    /// Writes the row of one corner.
+    pub(super) fn write(&self, corner: usize, row: &mut Row) {
+        let Some(Corner { distance_m, arm_m }) = self.corners.get(corner).copied().flatten() else {
+            (row.by_state, row.bounds[0]) = ([0.0; 3], 1.0);
+            return;
+        };
+        let [x, y] = self.normal;
+        row.by_state = [x, y, arm_m[0] * y - arm_m[1] * x].map(|value| value / SCALE_M);
+        row.bounds[0] = (distance_m - self.least_m) / SCALE_M;
+    }
+}
 
 /// Obstacles around a plan. Does not allocate after set-up.
 pub(super) struct Around {
@@ -119,30 +165,35 @@ impl Around {
         self.count
     }
 
-    /// Distance of the robot in `state`, at the start of period `k`, to an obstacle \[m\].
-    pub(super) fn distance(&self, index: usize, k: usize, state: &State) -> f64 {
-        self.separation(index, k, state).0
+    /// The obstacles from the robot in `state`, at the start of the plan.
+    pub(super) fn approaches(&self, state: &State) -> [Approach; ACTIVE_MAX] {
+        let mut approaches = [Approach::default(); ACTIVE_MAX];
+        for (index, approach) in approaches.iter_mut().enumerate().take(self.count) {
+            let (here, there) = self.shapes(index, 0, state);
+            approach.least_m = here.separation(&there).distance_m;
+        }
+        approaches
     }
 
-    /// Writes the row of an obstacle about `state`, the end of period `k`. `before` is b at the
-    /// start of that period \[m\]. Returns b at its end \[m\].
-    pub(super) fn write(
-        &self,
-        index: usize,
-        k: usize,
-        state: &State,
-        before: f64,
-        row: &mut Row,
-    ) -> f64 {
+    /// Continues the `approach` to an obstacle from the start of period `k` to its end, where the
+    /// plan has `state`.
+    pub(super) fn advance(&self, index: usize, k: usize, state: &State, approach: &mut Approach) {
         if index >= self.count {
-            (row.by_state, row.bounds[0]) = ([0.0; 3], 1.0);
-            return f64::INFINITY;
+            return;
         }
-        let (distance, [x, y], arm) = self.separation(index, k + 1, state);
-        row.by_state = [x, y, arm[0] * y - arm[1] * x].map(|value| value / SCALE_M);
-        let least = self.approach(index, before);
-        row.bounds[0] = (distance - least) / SCALE_M;
-        least
+        let (here, there) = self.shapes(index, k + 1, state);
+        let normal = here.separation(&there).normal;
+        let line_m = -there.extent_m(normal.map(|value| -value)) - here.radius_m();
+        *approach = Approach {
+            least_m: self.least(index, approach.least_m),
+            normal,
+            corners: [None; CORNERS],
+        };
+        for corner in here.corners() {
+            let distance_m = line_m - normal[0] * corner[0] - normal[1] * corner[1];
+            let arm_m = [corner[0] - state.pose[0], corner[1] - state.pose[1]];
+            approach.consider(Corner { distance_m, arm_m });
+        }
     }
 
     /// Whether a row that has this `value` in the solution holds the plan.
@@ -151,7 +202,7 @@ impl Around {
     }
 
     /// b after one period.
-    fn approach(&self, index: usize, before: f64) -> f64 {
+    fn least(&self, index: usize, before: f64) -> f64 {
         let margin_m = self.margin_of(index);
         let room = before - margin_m;
         if room >= 0.0 {
@@ -174,147 +225,13 @@ impl Around {
         a * ((wait * wait + 2.0 * room.max(0.0) / a).sqrt() - wait)
     }
 
-    /// d, n and r at the start of period `k`.
-    fn separation(&self, index: usize, k: usize, state: &State) -> (f64, Point, Point) {
+    /// The footprint in `state`, and an obstacle at the start of period `k`.
+    fn shapes(&self, index: usize, k: usize, state: &State) -> (Shape, Shape) {
         let (obstacle, _) = self.active[index.min(ACTIVE_MAX - 1)];
-        let there = obstacle.after(k as f64 * self.period_s);
-        let apart = self.footprint.placed(&state.pose).separation(&there.shape);
-        let arm = [apart.nearest_m[0] - state.pose[0], apart.nearest_m[1] - state.pose[1]];
-        (apart.distance_m, apart.normal, arm)
+        let there = obstacle.after(k as f64 * self.period_s).shape;
+        (self.footprint.placed(&state.pose), there)
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::mpc::tests::settings;
-    use crate::mpc::{Mpc, MpcError};
-    use crate::reference::ReferencePoint;
-    use crate::settings::MpcSettings;
-    use model::main_model::MainModel;
-    use model::predict::Belief;
-    use robot::ImpossibleShape;
-
-    const PERIOD_S: f64 = 0.1;
-
-    fn disc(x: f64, y: f64, velocity_mps: Point) -> Result<Obstacle, ImpossibleShape> {
-        Ok(Obstacle { shape: Shape::hull(&[[x, y]], 0.25)?, velocity_mps })
-    }
-
-    /// Drives along the x axis at 0.8 m/s for `ticks`, among `obstacles`. Returns the smallest
-    /// distance of the footprint from them, and the last state.
-    fn driven(obstacles: &[Obstacle], ticks: usize) -> Result<(f64, State), MpcError> {
-        driven_by(true, 0.8, obstacles, ticks).map(|(least, _, state)| (least, state))
-    }
-
-    /// The same with another speed, and the largest speed; `knows` whether the program has rows for
-    /// them.
-    fn driven_by(
-        knows: bool,
-        speed_mps: f64,
-        obstacles: &[Obstacle],
-        ticks: usize,
-    ) -> Result<(f64, f64, State), MpcError> {
-        let robot = Robot::example();
-        let main = MainModel::new(&robot, PERIOD_S);
-        let belief = Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance: [0.0; 3],
-            delay_fraction: 0.0,
-        };
-        let settings = MpcSettings { horizon_steps: 20, control_horizon_steps: 10, ..settings() };
-        let map = Surroundings::default();
-        let mut mpc = if knows {
-            Mpc::among_obstacles(&settings, &robot, &main, &map)?
-        } else {
-            Mpc::new(&settings, &robot, &main)?
-        };
-        let (mut state, mut input) = (State::default(), [0.0; 3]);
-        let (mut least, mut fastest) = (f64::INFINITY, 0.0_f64);
-        mpc.begin_at(&state);
-        for tick in 0..ticks {
-            let point = |k: usize| ReferencePoint {
-                pose: [speed_mps * PERIOD_S * (tick + k) as f64, 0.0, 0.0],
-                velocity: [speed_mps, 0.0, 0.0],
-                course: 0.0,
-            };
-            let reference: Vec<ReferencePoint> = (0..=20).map(point).collect();
-            let seconds = tick as f64 * PERIOD_S;
-            let now: Vec<Obstacle> = obstacles.iter().map(|one| one.after(seconds)).collect();
-            mpc.see_obstacles(now.iter().copied());
-            mpc.prepare(&reference, &belief);
-            assert!(mpc.iterate(&state, &input, &reference, &belief).outcome.usable(), "{tick}");
-            input = mpc.stages()[0].input;
-            state = belief.predict(&state, &input);
-            fastest = fastest.max(state.velocity[0].hypot(state.velocity[1]));
-            let footprint = robot.footprint().shape().placed(&state.pose);
-            let apart = now
-                .iter()
-                .map(|one| footprint.separation(&one.after(PERIOD_S).shape).distance_m)
-                .fold(f64::INFINITY, f64::min);
-            least = least.min(apart);
-        }
-        Ok((least, fastest, state))
-    }
-
-    #[test]
-    fn a_disc_beside_the_way_is_passed_without_a_touch() -> Result<(), Box<dyn std::error::Error>> {
-        let (least, state) = driven(&[disc(2.5, 0.2, [0.0; 2])?], 70)?;
-        assert!(least > 0.03, "{least}");
-        assert!((state.pose[0] - 5.6).abs() < 0.1 && state.pose[1].abs() < 0.05, "{state:?}");
-        Ok(())
-    }
-
-    #[test]
-    fn a_disc_that_crosses_the_way_is_not_touched() -> Result<(), Box<dyn std::error::Error>> {
-        for speed in [0.3, 0.6] {
-            let meets_at = 2.5 / 0.8;
-            let crossing = disc(2.5, -speed * meets_at, [0.0, speed])?;
-            let (least, state) = driven(&[crossing], 80)?;
-            assert!(least > 0.0, "at {speed} m/s: {least}");
-            assert!((state.pose[0] - 6.4).abs() < 0.15, "{state:?}");
-        }
-        Ok(())
-    }
-
-    #[test]
-    fn a_disc_that_comes_towards_a_robot_makes_it_give_way()
-    -> Result<(), Box<dyn std::error::Error>> {
-        let (least, _) = driven(&[disc(4.0, 0.1, [-0.5, 0.0])?], 70)?;
-        assert!(least > 0.0, "{least}");
-        Ok(())
-    }
-
-    #[test]
-    fn obstacles_out_of_reach_change_no_bit() -> Result<(), Box<dyn std::error::Error>> {
-        let far: Vec<Obstacle> = (0..64)
-            .map(|i| disc(200.0 + f64::from(i), 90.0, [0.1, 0.0]))
-            .collect::<Result<_, _>>()?;
-        let ((_, with), (_, _, without)) = (driven(&far, 40)?, driven_by(false, 0.8, &far, 40)?);
-        assert_eq!(with, without);
-        assert_eq!(driven(&[], 40)?.1, without);
-        Ok(())
-    }
-
-    #[test]
-    fn a_robot_inside_an_obstacle_leaves_it() -> Result<(), Box<dyn std::error::Error>> {
-        let (_, state) = driven(&[disc(-0.1, 0.0, [0.0; 2])?], 40)?;
-        assert!(state.pose[0] > 2.0, "{state:?}");
-        Ok(())
-    }
-
-    #[test]
-    fn a_robot_that_stands_leaves_what_touches_it_slowly() -> Result<(), Box<dyn std::error::Error>>
-    {
-        for at in [[0.02, 0.05], [-0.25, 0.0], [0.0, 0.3]] {
-            let touching = disc(at[0], at[1], [0.0; 2])?;
-            let (_, fastest, state) = driven_by(true, 0.0, &[touching], 60)?;
-            let footprint = Robot::example().footprint().shape().placed(&state.pose);
-            let apart = footprint.separation(&touching.shape).distance_m;
-            assert!(apart > 0.0 && fastest < 0.6, "{at:?}: {apart} m, {fastest} m/s");
-        }
-        Ok(())
-    }
-}
+mod tests;

@@ -10,7 +10,7 @@
 //!
 //! Tightening reduces the bounds on the state, at most until the two sides meet.
 
-use super::around::{ACTIVE_MAX, Around};
+use super::around::{ACTIVE_MAX, Around, CORNERS};
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{PresentPlan, Stage};
 use crate::currents::Foretold;
@@ -52,8 +52,9 @@ enum Kind {
     /// Distance across the reference's course over the width to the left, or to the right if the
     /// sign is −1. Bounded from above alone; soft.
     Corridor(f64),
-    /// Distance from one of the nearest obstacles; soft, with a slack of its own.
-    Obstacle(usize),
+    /// Distance of a corner of the footprint from one of the nearest obstacles; soft, with a slack
+    /// of its own.
+    Obstacle { index: usize, corner: usize },
 }
 
 /// Limits of the inputs.
@@ -163,7 +164,10 @@ impl Limits {
         if around.is_some() {
             let periods = 0..self.horizon;
             self.kinds.extend(periods.flat_map(|period| {
-                (0..ACTIVE_MAX).map(move |index| (Kind::Obstacle(index), period))
+                (0..ACTIVE_MAX * CORNERS).map(move |row| {
+                    let (index, corner) = (row / CORNERS, row % CORNERS);
+                    (Kind::Obstacle { index, corner }, period)
+                })
             }));
         }
         Self { around, ..self }
@@ -179,7 +183,7 @@ impl Limits {
         let rows = program.rows.iter().zip(&self.kinds);
         self.around.as_ref().is_some_and(|around| around.count() > 0)
             && rows
-                .filter(|(_, (kind, _))| matches!(kind, Kind::Obstacle(_)))
+                .filter(|(_, (kind, _))| matches!(kind, Kind::Obstacle { .. }))
                 .any(|(row, _)| Around::holds(row, row.value(moves, &[])))
     }
 
@@ -307,9 +311,11 @@ impl Limits {
                 Kind::Heading => (period + 1, 0, Some(period)),
                 Kind::Speed(_) => (period + 1, VELOCITY, Some(period)),
                 Kind::Corridor(_) => (period + 1, 0, Some(self.horizon + period)),
-                Kind::Obstacle(_) => (period + 1, 0, Some(self.first_obstacle_slack() + period)),
+                Kind::Obstacle { .. } => {
+                    (period + 1, 0, Some(self.first_obstacle_slack() + period))
+                }
             };
-            let is_one_sided = matches!(kind, Kind::Corridor(_) | Kind::Obstacle(_));
+            let is_one_sided = matches!(kind, Kind::Corridor(_) | Kind::Obstacle { .. });
             let below = if is_one_sided { f64::INFINITY } else { 1.0 };
             Row {
                 stage,
@@ -318,7 +324,7 @@ impl Limits {
                 by_input: [0.0; 3],
                 slack,
                 bounds: [1.0, below],
-                recurs: matches!(kind, Kind::Obstacle(_)),
+                recurs: matches!(kind, Kind::Obstacle { .. }),
             }
         };
         self.kinds.iter().map(row).collect()
@@ -366,23 +372,14 @@ impl Limits {
         self.clamp(&near)
     }
 
-    /// Distances of the obstacles at the start of the plan \[m\].
-    fn distances(&self, plan: &PresentPlan<'_>) -> [f64; ACTIVE_MAX] {
-        let mut distances = [f64::INFINITY; ACTIVE_MAX];
-        if let Some(around) = &self.around {
-            for (index, distance) in distances.iter_mut().enumerate().take(around.count()) {
-                *distance = around.distance(index, 0, plan.state(0));
-            }
-        }
-        distances
-    }
-
     /// Writes every row about the present plan. Does not allocate.
     pub(super) fn write(&self, plan: &PresentPlan<'_>, program: &mut QuadraticProgram) {
         let PresentPlan { stages, last_input, .. } = *plan;
         let InputLimits { wheel: of_wheel, current, input: largest, change, .. } = &self.inputs;
         let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
-        let mut approaches = self.distances(plan);
+        let around = self.around.as_ref();
+        let mut approaches =
+            around.map_or_else(Default::default, |around| around.approaches(plan.state(0)));
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
             let Some(stage) = stages.get(period) else { continue };
             let after = plan.state(period + 1);
@@ -427,10 +424,14 @@ impl Limits {
                         1.0 - sign * point.lateral(&after.pose) / width - drawn_in(plan, row, most);
                     continue;
                 }
-                Kind::Obstacle(index) => {
-                    let Some(around) = &self.around else { continue };
-                    let before = approaches[index];
-                    approaches[index] = around.write(index, period, after, before, row);
+                Kind::Obstacle { index, corner } => {
+                    let (Some(around), Some(approach)) = (around, approaches.get_mut(index)) else {
+                        continue;
+                    };
+                    if corner == 0 {
+                        around.advance(index, period, after, approach);
+                    }
+                    approach.write(corner, row);
                     row.bounds[0] -= drawn_in(plan, row, 1.0);
                     continue;
                 }
