@@ -1,11 +1,14 @@
 //! Promise: a robot written in another language, from `protocol/WIRE.md` alone, is driven and
 //! learned.
 
+use access::Credentials;
+use coxswain::obstacles::ObstacleLists;
+use driver::{Listed, PlannerList};
 use graph::assembly::robot_of;
 use process::lists::{Lists, Verdict, socket};
 use promises::{
-    Launched, Outcome, Reader, Record, binaries, graph_file, launch_command, port, python,
-    repository, signal, text_of,
+    Launched, Outcome, Reader, Record, binaries, graph_file, graph_with, launch_command, port,
+    python, repository, signal, text_of,
 };
 use rustix::process::Signal;
 use std::error::Error;
@@ -40,6 +43,17 @@ fn control_host(
     pace: &str,
     (scenario, more): (&str, &[&str]),
 ) -> Result<(Launched, Command), Box<dyn Error>> {
+    control_host_of(&graph_file("foreign-driver"), script, access, pace, (scenario, more))
+}
+
+/// The same for a graph like `foreign-driver.toml`.
+fn control_host_of(
+    graph: &Path,
+    script: &Path,
+    access: Access,
+    pace: &str,
+    (scenario, more): (&str, &[&str]),
+) -> Result<(Launched, Command), Box<dyn Error>> {
     let home = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
     let port = port::free()?;
     let address = format!("127.0.0.1:{port}");
@@ -48,8 +62,7 @@ fn control_host(
     robot.args(["--graph", "mecanum", "--host", "driver", "--to", "control", "--pace", pace]);
     robot.args(["--recorded", "--connect"]);
     let options = ["--host", "control", "--scenario", scenario, "--pace", pace];
-    let mut launch =
-        launch_command(&graph_file("foreign-driver"), &home.path().join("run"), &options)?;
+    let mut launch = launch_command(graph, &home.path().join("run"), &options)?;
     launch.args(more).args(["--address", &format!("driver={address}"), "--duration", "600"]);
     if access == Access::Certificates {
         let certificates = home.path().join("certificates");
@@ -269,6 +282,42 @@ fn a_robot_in_python_keeps_its_map_and_the_lists_of_planners() -> Outcome {
     assert_eq!(sources, ["planner", "planner"]);
     let reasons: Vec<&str> = record.of("state").map(|state| state.word("reason")).collect();
     assert!(reasons.contains(&"obstacles unknown") && reasons.contains(&"geofence"));
+    Ok(())
+}
+
+#[test]
+fn a_list_from_another_machine_reaches_a_driver_outside_the_launch() -> Outcome {
+    let folder = tempfile::Builder::new().prefix("cx").tempdir_in("/tmp")?;
+    let socket = folder.path().join("lists");
+    let address = format!("127.0.0.1:{}", port::free()?);
+    let tables = format!("[requests]\ncontrol = \"{address}\"\n");
+    let graph = graph_with("foreign-driver", &tables, folder.path())?;
+    let driver = format!("driver = true\nlists = \"{}\" #", socket.display());
+    fs::write(&graph, fs::read_to_string(&graph)?.replacen("driver = true", &driver, 1))?;
+    let script = clients().join("robot.py");
+    let hold = ("hold", [].as_slice());
+    let (launched, mut robot) =
+        control_host_of(&graph, &script, Access::Certificates, "real-time", hold)?;
+    robot.arg("--lists").arg(&socket).args(["--duration", "600"]);
+    let mut robot = Reader::start(&mut robot)?;
+    launched.wait_for_controller(1)?;
+    let planner = launched.home().join("certificates/planner");
+    let mut lists =
+        ObstacleLists::over_network(&format!("tls/{address}"), &Credentials::in_folder(planner))?;
+    let disc = Listed { corners_m: vec![[9.0, 0.0]], radius_m: 0.2, velocity_mps: [0.0; 2] };
+    let list = |valid_s: f64| PlannerList { valid_s, age_s: 0.0, obstacles: vec![disc.clone()] };
+    for valid_s in [600.0, 599.0] {
+        lists.send(&list(valid_s))?;
+        robot.lines(2)?; // one per second: the list has begun to act
+    }
+    signal(robot.pid(), Signal::TERM)?;
+    robot.end()?;
+    assert!(lists.send(&list(598.0)).is_err(), "the driver has ended");
+    signal(launched.pid(), Signal::TERM)?;
+    let (_, home) = launched.end()?;
+    let record = Record::read(&home.path().join("run"))?;
+    let sources: Vec<&str> = record.of("obstacles").map(|list| list.word("source")).collect();
+    assert_eq!(sources, ["planner", "planner"]);
     Ok(())
 }
 

@@ -8,7 +8,7 @@
 //! Each cell of the table has its own queue and thread, so that a flood of goals delays no stop. A
 //! request takes the same way as one on this machine. Orders and goals are files: the process
 //! decides, and replies in a file ([`process::requests`]). Lists go to the socket of the plant
-//! ([`process::lists`]).
+//! ([`process::lists`]), or to that of a driver outside the graph.
 
 use crate::run::BridgeError;
 use crate::settings::Settings;
@@ -16,10 +16,10 @@ use access::Role;
 use network::keeps_strangers_out;
 use network::requests::{Received, Requests};
 use process::Stop;
-use process::lists::{Lists, Verdict};
+use process::lists::{Lists, Verdict, socket};
 use process::requests::{Request, Settlement, ask, is_goal};
 use protocol::message::Participant;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -60,19 +60,20 @@ impl Endpoint {
         else {
             return Ok(None);
         };
-        let (folder, links) = (settings.run.folder.as_path(), settings.run.links.root.as_path());
+        let folder = settings.run.folder.as_path();
         let mut queues = Vec::new();
-        for (role, to) in PERMITTED.into_iter().filter(|(_, to)| settings.processes.contains(to)) {
-            let (sender, waiting) = sync_channel(WAITING_MAX);
+        for (role, to) in PERMITTED {
             let has_lists = role == Role::Planner && to == Participant::Plant;
+            let socket = lists_socket(settings).filter(|_| has_lists);
+            if socket.is_none() && !settings.processes.contains(&to) {
+                continue;
+            }
+            let (sender, waiting) = sync_channel(WAITING_MAX);
             thread::Builder::new()
                 .name(format!("{role} to {to}"))
-                .spawn_scoped(scope, move || {
-                    if has_lists {
-                        forward_all(links, &waiting, stop);
-                    } else {
-                        process_all(folder, &waiting, stop);
-                    }
+                .spawn_scoped(scope, move || match socket {
+                    Some(socket) => forward_all(socket, &waiting, stop),
+                    None => process_all(folder, &waiting, stop),
                 })
                 .map_err(|_| BridgeError::Thread("cannot be started"))?;
             queues.push(Queue { role, to, sender });
@@ -104,6 +105,14 @@ impl Endpoint {
     pub(crate) fn rejected(&self) -> u64 {
         self.rejected.load(Ordering::Relaxed)
     }
+}
+
+/// The socket where the plant takes lists of planners: that of this host's plant, or of a driver
+/// outside the graph.
+fn lists_socket(settings: &Settings) -> Option<PathBuf> {
+    let own = settings.processes.contains(&Participant::Plant);
+    let of_driver = || settings.remotes.iter().find_map(|remote| remote.lists.clone());
+    own.then(|| socket(&settings.run.links.root)).or_else(of_driver)
 }
 
 /// Requests of one role to one process.
@@ -149,9 +158,9 @@ fn process_all(folder: &Path, waiting: &Receiver<Received>, stop: &Stop) {
     }
 }
 
-/// Passes the lists of one queue to the plant, whose links are in `root`, until the end.
-fn forward_all(root: &Path, waiting: &Receiver<Received>, stop: &Stop) {
-    let mut lists = Lists::new(root);
+/// Passes the lists of one queue to the plant, which listens at `socket`, until the end.
+fn forward_all(socket: PathBuf, waiting: &Receiver<Received>, stop: &Stop) {
+    let mut lists = Lists::at(socket);
     while !stop.requested() {
         match waiting.recv_timeout(LOOK) {
             Ok(received) => match lists.send(&received.text) {

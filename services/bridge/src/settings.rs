@@ -6,6 +6,7 @@ use protocol::message::Participant;
 use protocol::topic::Topic;
 use serde::{Deserialize, Serialize};
 use settings::{Check, Impossible};
+use std::path::PathBuf;
 use transport::is_graph_name;
 
 /// Settings of the bridge of one host.
@@ -42,6 +43,9 @@ pub struct Remote {
     /// Whether it is a robot's driver without a bridge, see `WIRE.md`.
     #[serde(default)]
     pub driver: bool,
+    /// Socket of such a driver for lists of planners, on the machine of this bridge.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lists: Option<PathBuf>,
     /// Where the two meet.
     pub meeting: Meeting,
 }

@@ -7,6 +7,7 @@ use protocol::topic::Topic;
 use serde::Deserialize;
 use settings::Impossible;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use transport::is_graph_name;
 
 /// Name of the host of a graph that has no hosts.
@@ -21,6 +22,9 @@ pub struct Host {
     /// Whether it is a robot's driver that is no process of ours. It takes the place of the plant,
     /// and is not launched.
     pub driver: bool,
+    /// Socket where such a driver takes lists of planners, on the machine of the bridge that it
+    /// connects to: an absolute path. Planners on other machines reach it through `requests`.
+    pub lists: Option<PathBuf>,
 }
 
 /// Where two hosts meet: one row `[[connections]]`. One of `address` and `router` is given.
@@ -100,6 +104,7 @@ impl Deployment<'_> {
                 host: name.to_owned(),
                 processes: there.participants(),
                 driver: there.driver,
+                lists: there.lists.clone(),
                 meeting: connection.meeting(host)?,
             })
         };
@@ -139,6 +144,10 @@ impl Deployment<'_> {
                     "at least one process, or driver = true"
                 };
                 return Err(Impossible::new(key, expected));
+            }
+            if host.lists.as_ref().is_some_and(|socket| !host.driver || !socket.is_absolute()) {
+                let expected = "the absolute path of a socket, beside driver = true";
+                return Err(Impossible::new(format!("hosts.{name}.lists"), expected));
             }
             if host.processes.contains(&Participant::Bridge) {
                 return Err(Impossible::new(key, "no bridge: each host has one"));
@@ -276,6 +285,11 @@ mod tests {
                 "connections.0.hosts",
             ),
             (vec![ROBOT, "[hosts.control]\n", MEET], "hosts.control.processes"),
+            (vec![ROBOT, "lists = \"/run/lists\"\n", CONTROL, MEET], "hosts.robot.lists"),
+            (
+                vec!["[hosts.base]\ndriver = true\nlists = \"lists\"\n", CONTROL, MEET],
+                "hosts.base.lists",
+            ),
             (
                 vec![
                     &ROBOT

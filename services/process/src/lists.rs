@@ -47,7 +47,12 @@ pub struct Lists {
 impl Lists {
     /// For the graph whose links are in `root`.
     pub fn new(root: &Path) -> Self {
-        Self { socket: socket(root), stream: None }
+        Self::at(socket(root))
+    }
+
+    /// For the plant that listens at `socket`.
+    pub fn at(socket: PathBuf) -> Self {
+        Self { socket, stream: None }
     }
 
     /// Sends a list as JSON, and waits for the reply.

@@ -154,7 +154,8 @@ pub(crate) fn processes(host: &str) -> Vec<Participant> {
 }
 
 fn remote(host: &str, meeting: Meeting) -> Remote {
-    Remote { host: host.to_owned(), processes: processes(host), driver: false, meeting }
+    let processes = processes(host);
+    Remote { host: host.to_owned(), processes, driver: false, lists: None, meeting }
 }
 
 /// Two hosts, of which `control` listens.
