@@ -1,10 +1,11 @@
 //! Promise: after any end of a graph nothing of it remains: no process, no shared memory, no
 //! socket.
 
-use promises::{Launched, Outcome, lives, shared_memory_of, signal, wait_until};
+use promises::{Launched, Outcome, Reader, binaries, lives, shared_memory_of, signal, wait_until};
 use rustix::process::Signal;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 /// Files in a launch's home beside the run's own folder.
 fn left_in(home: &Path) -> Vec<String> {
@@ -30,6 +31,24 @@ fn a_run_that_is_interrupted_ends_cleanly_with_a_summary() -> Outcome {
         assert_eq!(shared_memory_of(&[name]), Vec::<String>::new());
         assert_eq!(left_in(home.path()), Vec::<String>::new());
     }
+    Ok(())
+}
+
+#[test]
+fn a_command_that_waits_for_a_goal_ends_with_the_launch_and_leaves_nothing() -> Outcome {
+    let launched = Launched::new(&["--scenario", "goals"])?;
+    launched.wait_for_controller(1)?;
+    let name = launched.graph_name()?;
+    let mut go = Command::new(binaries()?.join("coxswain"));
+    go.args(["go", "50", "0", "0"]).env("TMPDIR", launched.home());
+    let mut go = Reader::start(&mut go)?;
+    go.lines(1)?; // it has been accepted
+    signal(launched.pid(), Signal::TERM)?;
+    let (ended, home) = launched.end()?;
+    assert_eq!(ended.status.code(), Some(143), "{}", ended.text);
+    assert_eq!(go.end()?.code(), Some(1), "{}", go.errors());
+    assert_eq!(shared_memory_of(&[name]), Vec::<String>::new());
+    assert_eq!(left_in(home.path()), Vec::<String>::new());
     Ok(())
 }
 

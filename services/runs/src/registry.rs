@@ -122,12 +122,27 @@ impl GraphEntry {
         Launcher::of(&self.launcher_file()).is_some_and(Launcher::lives)
     }
 
-    /// Removes everything that is left of the graph, unless a process still uses it.
+    /// Removes everything that is left of the graph, unless a process still uses it. From now on its
+    /// launcher counts as ended: commands that watch the graph end.
     ///
     /// # Errors
     /// A sentence.
     pub fn remove(self) -> Result<(), String> {
-        self.clear()
+        // If that fails, those commands end with this process.
+        let _ = self.sign(Launcher { pid: 0, start_ticks: 0 });
+        self.clear_in_time()
+    }
+
+    /// A process that ends may take a moment.
+    fn clear_in_time(&self) -> Result<(), String> {
+        let begin = Instant::now();
+        loop {
+            let cleared = self.clear();
+            if cleared.is_ok() || begin.elapsed() >= DYING {
+                return cleared;
+            }
+            thread::sleep(DYING / 20);
+        }
     }
 
     fn clear(&self) -> Result<(), String> {
@@ -171,14 +186,7 @@ pub fn sweep_stale(base: &Path) -> (usize, Vec<String>) {
     let mut removed = 0;
     let mut complaints = Vec::new();
     for entry in stale(base) {
-        // A killed process may take a moment to end.
-        let begin = Instant::now();
-        let mut cleared = entry.clear();
-        while cleared.is_err() && begin.elapsed() < DYING {
-            thread::sleep(DYING / 20);
-            cleared = entry.clear();
-        }
-        match cleared {
+        match entry.clear_in_time() {
             Ok(()) => removed += 1,
             Err(complaint) => complaints.push(complaint),
         }
