@@ -140,13 +140,17 @@ fn beside_a_controller(
     settings: &Settings,
     drive: impl FnOnce(&Ports, &mut Robotic) -> Result<(), Box<dyn Error>>,
 ) -> Result<Health, Box<dyn Error>> {
+    // A folder of its own keeps what the controller saves at its end.
+    let folder = tempfile::tempdir()?;
+    let mut settings = settings.clone();
+    settings.run.folder = folder.path().to_owned();
     let (exchange, stop) = (Exchange::new(false, Duration::from_secs(1)), Stop::new());
     let ports = Ports::in_memory(&exchange, Identity::new(7));
     let mut robot = Robotic::new(&ports)?;
     thread::scope(|scope| {
         let controller = scope.spawn(|| {
             let connect = |identity| Ok(Ports::in_memory(&exchange, identity));
-            run(settings, connect, &stop).map_err(|error| error.to_string())
+            run(&settings, connect, &stop).map_err(|error| error.to_string())
         });
         let driven = drive(&ports, &mut robot);
         stop.request();
