@@ -237,13 +237,7 @@ fn nothing_to_learn(rows: usize) -> Result<String, Box<dyn Error>> {
         let time = row as f64 * period;
         let wave = |rate: f64| (rate * time).sin() + (2.7 * rate * time).cos();
         let input = [0.4 * wave(0.9), 0.4 * wave(1.3), 0.5 * wave(1.1)];
-        let belief = model::predict::Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance: [0.0; 3],
-            delay_fraction: 0.0,
-        };
+        let belief = model::predict::Belief::of(&main);
         state = belief.predict(&state, &input);
         let velocity = state.velocity.map(|velocity| velocity + noise());
         push_row(&mut text, time, [&state.pose, &velocity, &input]);

@@ -4,7 +4,9 @@
 use graph::assembly::Assembly;
 use graph::options::Options;
 use promises::oracle::{Limits, acquit};
-use promises::{Launched, Outcome, Record, graph_file, graph_with, launch_command, signal};
+use promises::{
+    Launched, Message, Outcome, Record, graph_file, graph_with, launch_command, signal,
+};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
@@ -76,6 +78,7 @@ fn kill_both_ends_often(graph: &str, robot: &str, control: &str) -> Outcome {
         .map(|command| (command.count("plant_epoch"), command.stamp("tick")))
         .collect();
     for (epoch, ticks) in &fallback_levels {
+        assert!(ticks.values().any(|level| *level == "fresh plan"), "{graph}: epoch {epoch}");
         let mut below: u64 = 0;
         for (tick, fallback_level) in ticks {
             // The state of a tick reports the period before it.
@@ -87,6 +90,11 @@ fn kill_both_ends_often(graph: &str, robot: &str, control: &str) -> Outcome {
                 "{graph}: no fresh plan for {below} periods at tick {tick} of epoch {epoch}"
             );
         }
+    }
+    for controller in &controllers {
+        let of = |command: &&Message| command.stamp("epoch") == *controller;
+        let is_fresh = |command: &Message| command.word("fallback_level") == "fresh plan";
+        assert!(record.of("command").filter(of).any(is_fresh), "{graph}: controller {controller}");
     }
     let last = fallback_levels.last_key_value().and_then(|(_, ticks)| ticks.last_key_value());
     assert_eq!(last.map(|(_, level)| *level), Some("fresh plan"), "{graph}: at the end");

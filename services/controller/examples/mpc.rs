@@ -27,13 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path =
         ReferenceSettings { path, heading: Heading::Tangent, ramp_s: 0.0, speed_factor: 1.0 };
     let reference = Reference::new(&path, &[0.0; 3], PERIOD_S, 100)?;
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let mut mpc = Mpc::new(&settings, &robot, &main)?;
     let (mut state, mut input) = (State { pose: [0.0, -0.5, 0.0], ..State::default() }, [0.0; 3]);
     mpc.begin_at(&state);

@@ -98,13 +98,7 @@ mod tests {
         // Straight ahead at heading 0, the system of each axis is linear:
         // v⁺ = A v + B u + g, x⁺ = x + T ((1 − w) v + w v⁺).
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance: [0.0; 3],
-            delay_fraction: 0.0,
-        };
+        let belief = Belief::of(&main);
         let (decay, gain, period, share) =
             (main.decay[0], main.gain[0], main.period, main.end_share[0]);
         let (noise, kp, kv) = ([4e-4, 0.0, 0.0], 1.3, 0.2);
@@ -142,13 +136,7 @@ mod tests {
     #[test]
     fn feedback_reduces_the_predicted_variance() {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance: [0.0; 3],
-            delay_fraction: 0.0,
-        };
+        let belief = Belief::of(&main);
         let mut feedback = Feedback::zeros();
         (feedback[(1, 1)], feedback[(1, 4)]) = (-2.0, -0.3);
         let (mut steered, mut left_alone) = (Covariance::zeros(), Covariance::zeros());

@@ -117,14 +117,7 @@ mod tests {
         fn look(&mut self, _tick: u64) {}
 
         fn predict(&self, state: &State, input: &Velocity) -> State {
-            Belief {
-                main: &self.0,
-                learned: None,
-                foresight: None,
-                disturbance: [0.0; 3],
-                delay_fraction: 0.0,
-            }
-            .predict(state, input)
+            Belief::of(&self.0).predict(state, input)
         }
     }
 
@@ -137,13 +130,7 @@ mod tests {
             [1.0, 0.5, -0.6],
         );
         for (disturbance, tolerance) in [([0.0; 3], 1e-9), ([0.01, -0.02, 0.03], 1e-3)] {
-            let belief = Belief {
-                main: &main,
-                learned: None,
-                foresight: None,
-                disturbance,
-                delay_fraction: 0.0,
-            };
+            let belief = Belief { disturbance, ..Belief::of(&main) };
             let foreseen = Belief { foresight: Some(&believer), ..belief };
             let (believed, ours) =
                 (linearise(&belief, &state, &input), linearise(&foreseen, &state, &input));

@@ -186,11 +186,9 @@ mod tests {
             let learned: &dyn Residual =
                 [&input_alone as &dyn Residual, &slip, &history, &heading, &place][layout];
             let belief = Belief {
-                main: &main,
                 learned: Some(learned),
-                foresight: None,
                 disturbance: [0.01, -0.02, 0.03],
-                delay_fraction: 0.0,
+                ..Belief::of(&main)
             };
             let at = |x: [f64; 6], [u, acted]: [[f64; 3]; 2]| {
                 let pose = [x[0], x[1], x[2]];

@@ -32,6 +32,13 @@ pub struct Belief<'a> {
     pub delay_fraction: f64,
 }
 
+impl<'a> Belief<'a> {
+    /// The main model alone.
+    pub fn of(main: &'a MainModel) -> Self {
+        Self { main, learned: None, foresight: None, disturbance: [0.0; AXES], delay_fraction: 0.0 }
+    }
+}
+
 impl Belief<'_> {
     /// g from one state under one input, without d.
     pub fn residual(&self, state: &State, input: &Velocity) -> Velocity {

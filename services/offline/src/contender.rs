@@ -112,11 +112,9 @@ impl Contender {
     /// are used \[m/s, m/s, rad/s\].
     pub fn predict<'p>(&'p self, periods: &'p [Period]) -> impl Iterator<Item = Velocity> + 'p {
         let belief = Belief {
-            main: &self.main,
             learned: Some(&self.explanations),
-            foresight: None,
             disturbance: self.explanations.disturbance(),
-            delay_fraction: 0.0,
+            ..Belief::of(&self.main)
         };
         let begin = periods.first().map_or(State::default(), |period| period.state);
         periods.iter().scan(begin, move |state, period| {

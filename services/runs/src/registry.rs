@@ -129,7 +129,7 @@ impl GraphEntry {
     /// A sentence.
     pub fn remove(self) -> Result<(), String> {
         // If that fails, those commands end with this process.
-        let _ = self.sign(Launcher { pid: 0, start_ticks: 0 });
+        let _ = self.sign(Launcher::ENDED);
         self.clear_in_time()
     }
 
@@ -216,6 +216,9 @@ fn signed(base: &Path, wanted: impl Fn(Launcher) -> bool) -> Vec<GraphEntry> {
 }
 
 impl Launcher {
+    /// No process has this number.
+    const ENDED: Self = Self { pid: 0, start_ticks: 0 };
+
     fn this() -> io::Result<Self> {
         let pid = std::process::id();
         let start_ticks = start_ticks(pid).ok_or(io::ErrorKind::InvalidData)?;

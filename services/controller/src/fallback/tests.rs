@@ -43,13 +43,7 @@ fn the_fallback_takes_one_level_after_the_other() -> Result<(), MpcError> {
 #[test]
 fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let settings = MpcSettings { state_limits: StateLimits::default(), ..settings() };
     let mpc = Mpc::new(&settings, &Robot::example(), &main)?;
     let (mut state, mut input) =
@@ -68,13 +62,7 @@ fn the_lqr_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
 #[test]
 fn the_simple_controller_alone_brings_the_robot_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let settings = MpcSettings { state_limits: StateLimits::default(), ..settings() };
     let mpc = Mpc::new(&settings, &Robot::example(), &main)?;
     let (mut state, mut input) =

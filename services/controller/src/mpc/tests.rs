@@ -149,13 +149,7 @@ proptest! {
         last in prop::array::uniform3(-4.0..4.0_f64)
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance: [0.0; 3],
-            delay_fraction: 0.0,
-        };
+        let belief = Belief::of(&main);
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)
             .map_err(|e| TestCaseError::fail(e.to_string()))?;
         let last = mpc.limits.clamp(&last);
@@ -256,13 +250,7 @@ proptest! {
 #[test]
 fn an_unexpected_state_is_answered_from_the_measurement() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let settings = MpcSettings { linearise: Linearise::Expected, ..settings() };
     let start = State { velocity: [1.5, 0.0, 0.75], ..State::default() };
     let turned = State { pose: [0.0, 0.0, 0.075 - std::f64::consts::TAU], ..start };
@@ -288,13 +276,7 @@ fn an_unexpected_state_is_answered_from_the_measurement() -> Result<(), MpcError
 #[test]
 fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let state = State { pose: [0.02, -0.03, 0.01], velocity: [1.4, 0.0, 0.7], ..State::default() };
     mpc.prepare(&circle(0, 7), &belief);
@@ -312,13 +294,7 @@ fn without_active_limits_the_answer_is_the_newton_step() -> Result<(), MpcError>
 #[test]
 fn a_robot_that_matches_the_belief_converges_to_its_reference() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)?;
     let (mut state, mut input) =
         (State { pose: [0.0, -0.8, 0.3], velocity: [0.0; 3], ..State::default() }, [0.0; 3]);
@@ -343,13 +319,7 @@ fn the_observer_compensates_a_constant_push() -> Result<(), MpcError> {
     let push = [0.05, -0.03, 0.02];
     let (mut state, mut input) = (State::default(), [0.0; 3]);
     for _ in 0..120 {
-        let belief = Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance,
-            delay_fraction: 0.0,
-        };
+        let belief = Belief { disturbance, ..Belief::of(&main) };
         mpc.prepare(&still, &belief);
         assert!(mpc.iterate(&state, &input, &still, &belief).outcome.usable());
         input = mpc.stages[0].input;
@@ -367,13 +337,7 @@ fn the_observer_compensates_a_constant_push() -> Result<(), MpcError> {
 #[test]
 fn an_optimiser_at_its_deadline_stops_and_the_next_answer_is_unaffected() -> Result<(), MpcError> {
     let main = MainModel::new(&Robot::example(), 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     for solver in [SolverSetting::ActiveSet, SolverSetting::Clarabel] {
         let settings = MpcSettings { solver, ..settings() };
         let (mut stopped, mut other) = (
@@ -420,13 +384,7 @@ fn a_dropped_row_is_inactive_and_a_restored_row_is_active() -> Result<(), MpcErr
     let mut robot = Robot::example();
     robot.drive = robot.drive.map(|drive| Drive { current_limit_a: 2.0, ..drive });
     let main = MainModel::new(&robot, 0.1);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let mut mpc = Mpc::new(&settings(), &robot, &main)?;
     let bound = most_foretold(&mut mpc, &belief);
     assert!((0.9..1.1).contains(&bound), "{bound}");

@@ -114,13 +114,7 @@ mod tests {
             ..StateLimits::default()
         };
         let main = MainModel::new(&Robot::example(), 0.1);
-        let belief = Belief {
-            main: &main,
-            learned: None,
-            foresight: None,
-            disturbance: [0.0; 3],
-            delay_fraction: 0.0,
-        };
+        let belief = Belief::of(&main);
         let mut mpc = Mpc::new(
             &crate::settings::MpcSettings { state_limits: limits, ..settings() },
             &Robot::example(),

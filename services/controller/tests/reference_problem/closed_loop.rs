@@ -57,13 +57,7 @@ pub(crate) fn drive(
 ) -> Result<Figures, Box<dyn Error>> {
     let (main, processes) = (problem::main_model(), Processes::new(points)?);
     let learned = (points > 0).then_some(&processes as &dyn Residual);
-    let belief = Belief {
-        main: &main,
-        learned,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief { learned, ..Belief::of(&main) };
     let settings = MpcSettings { linearise, ..problem::settings(horizon) };
     let mut mpc = Mpc::formulated(Formulation::Plain, &settings, &problem::inputs(), &main)?;
     let reference = problem::reference(PERIODS + horizon + 2);

@@ -14,13 +14,7 @@ fn with_a_dead_time_of(periods: usize) -> Result<(usize, f64), ControllerError> 
     settings.reference.path = PathSettings::Circle { radius_m: 2.0, speed_mps: 0.8 };
     settings.reference.ramp_s = 1.0;
     let main = MainModel::new(&settings.robot, PERIOD_S);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let mut controller = Controller::new(&settings)?;
     let mut under_way = std::collections::VecDeque::from(vec![[0.0; 3]; periods]);
     let (mut robot, mut given, mut fallback_level) =

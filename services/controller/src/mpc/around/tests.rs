@@ -29,13 +29,7 @@ fn driven_by(
 ) -> Result<(f64, f64, State), MpcError> {
     let robot = Robot::example();
     let main = MainModel::new(&robot, PERIOD_S);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let settings = MpcSettings { horizon_steps: 20, control_horizon_steps: 10, ..settings() };
     let map = Surroundings::default();
     let mut mpc = if knows {
@@ -163,13 +157,7 @@ fn held_before_a_gap(plans_again: bool) -> Result<f64, Box<dyn std::error::Error
     const PERIOD_S: f64 = 0.02;
     let robot = Robot::example();
     let main = MainModel::new(&robot, PERIOD_S);
-    let belief = Belief {
-        main: &main,
-        learned: None,
-        foresight: None,
-        disturbance: [0.0; 3],
-        delay_fraction: 0.0,
-    };
+    let belief = Belief::of(&main);
     let weights = Weights {
         position: 300.0,
         heading: 5.0,
