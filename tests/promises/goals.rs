@@ -177,7 +177,8 @@ fn a_path_that_is_given_while_another_one_is_driven_is_joined_without_a_stop() -
 fn a_goal_waits_while_the_gate_is_stopped_and_goes_on_after_it() -> Outcome {
     let launched = launch()?;
     launched.wait_for_controller(1)?;
-    let mut going = begin(&launched, &["go", "3.0", "0.0", "0"])?;
+    // Without a limit, a stop that comes later finds a faster robot, which needs longer to brake.
+    let mut going = begin(&launched, &["go", "3.0", "0.0", "0", "--speed", "1.0"])?;
     launched.wait_for_log("controller", "goal tick=", 1)?;
     std::thread::sleep(Duration::from_millis(500));
     assert_eq!(tell(&launched, &["stop"])?.0, Some(0));
@@ -197,7 +198,7 @@ fn a_goal_waits_while_the_gate_is_stopped_and_goes_on_after_it() -> Outcome {
         Some((x - at(0)?).hypot(y - at(1)?))
     };
     let worst = record.of("plan").filter_map(error).fold(0.0, f64::max);
-    assert!(worst < 0.5, "{worst} m from its reference");
+    assert!(worst < 0.3, "{worst} m from its reference");
     Ok(())
 }
 
