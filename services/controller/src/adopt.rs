@@ -98,6 +98,13 @@ pub enum Event {
         /// The fault.
         fault: Option<SensorFault>,
     },
+    /// The identified ramp of the drive is another one.
+    Ramp {
+        /// At this tick.
+        tick: u64,
+        /// Its rate; none for a drive that follows its command at once \[m/s²\].
+        rate_mps2: Option<f64>,
+    },
     /// A list of obstacles is refused.
     List {
         /// At this tick.

@@ -275,7 +275,12 @@ impl Controller {
             self.before.filter(|before| before.tick + 1 == state.stamp.tick && input_known)
         {
             let Before { tick, state: before } = before;
+            let ramp = self.knowledge.ramp_mps2();
             self.knowledge.observe(&Period { tick, before, given: state.input, after: now });
+            let rate_mps2 = self.knowledge.ramp_mps2();
+            if rate_mps2 != ramp {
+                handover.note(Event::Ramp { tick: state.stamp.tick, rate_mps2 });
+            }
             self.guard.watch_period(state, &mut self.planner, &self.knowledge);
             self.knowledge.write_sample(&before, &mut sample);
             sample.usable = u32::from(ours);

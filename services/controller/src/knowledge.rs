@@ -80,7 +80,7 @@ impl Knowledge {
             identify: settings.mpc.identify,
             blind: !settings.mpc.no_harm,
         };
-        let response = ResponseEstimator::new(&main, settings.robot.wheels.lever_m())
+        let response = ResponseEstimator::new(&main, &settings.robot.wheels)
             .with_dead_time(settings.robot.dead_time_s());
         let bound = bound(&main, &settings.robot);
         Self {
@@ -179,6 +179,12 @@ impl Knowledge {
         self.explanations.innovation()
     }
 
+    /// Largest rate at which the drive changes the rim speeds of its set points, if it ramps its
+    /// command \[m/s²\].
+    pub fn ramp_mps2(&self) -> Option<f64> {
+        self.response.ramp_mps2()
+    }
+
     /// The last command.
     pub fn last_command(&self) -> Velocity {
         self.sent.last()
@@ -224,7 +230,8 @@ impl Knowledge {
     pub fn under_way(&self, measured: &State) -> impl Iterator<Item = (State, Velocity)> {
         let mut state = *measured;
         (0..self.delay.whole()).map(move |ahead| {
-            let (here, acting) = (state, self.sent.under_way(self.delay, ahead));
+            let sent = self.response.ramped(&self.sent);
+            let (here, acting) = (state, sent.under_way(self.delay, ahead));
             state = self.belief().predict(&here, &acting);
             (here, acting)
         })
@@ -264,7 +271,7 @@ impl Knowledge {
         let Period { tick, before, given, after } = period;
         self.sent.push(*given);
         self.response.update(&self.sent, &after.velocity, after.wheels.as_ref());
-        self.acted = self.sent.acted(self.delay);
+        self.acted = self.response.ramped(&self.sent).acted(self.delay);
         self.residual = residual(&self.main, &before.velocity, &self.acted, &after.velocity);
         let known = if self.method == Method::Oracle {
             self.look(*tick);
@@ -292,7 +299,7 @@ impl Knowledge {
     pub fn resume(&mut self, measured: &Measured, given: Velocity) {
         self.sent = Sent::always(given);
         self.acted = given;
-        self.response.resume(&measured.velocity, measured.wheels.as_ref());
+        self.response.resume(&given, &measured.velocity, measured.wheels.as_ref());
         self.pose.resume(&measured.pose);
         self.explanations.resume();
         self.velocity = measured.velocity;
@@ -301,6 +308,7 @@ impl Knowledge {
     /// Processes a period in which only the gate's output can be trusted.
     pub fn drive_blind(&mut self, given: Velocity) {
         self.sent = Sent::always(given);
+        self.response.settle(&given);
         self.acted = given;
     }
 

@@ -67,6 +67,7 @@ mod faulty;
 mod inherit;
 pub mod interior_point;
 mod iteration;
+mod limits;
 #[cfg(test)]
 mod oracle;
 pub mod qp;
@@ -75,13 +76,12 @@ pub mod solver;
 mod target;
 mod tightening;
 
-use crate::currents::Foretold;
 use crate::reference::ReferencePoint;
 #[cfg(feature = "faults")]
 use crate::settings::SolverFaults;
 use crate::settings::{Linearise, MpcSettings};
 use around::Around;
-use constraint::{InputLimits, Limits, RobotLimit};
+use constraint::{InputLimits, Limits};
 use expected::Expectation;
 use interior_point::SolverError;
 use model::learned::Moment;
@@ -92,7 +92,7 @@ use model::predict::Belief;
 use model::{State, Velocity};
 use nalgebra::SMatrix;
 use qp::{QuadraticProgram, Vector, WIDTH};
-use robot::{Obstacle, Robot, Surroundings, WHEELS_MAX};
+use robot::{Robot, Surroundings};
 use solver::Solver;
 use tightening::Tightening;
 
@@ -199,6 +199,8 @@ pub struct Mpc {
     /// Displacement of the states.
     moves: Vec<Vector>,
     turn: Turn,
+    /// The input before the last plan.
+    last_input: Velocity,
     held_by_obstacle: bool,
 }
 
@@ -286,6 +288,7 @@ impl Mpc {
             expectation: None,
             solver,
             turn: Turn::default(),
+            last_input: [0.0; 3],
             held_by_obstacle: false,
         })
     }
@@ -335,51 +338,6 @@ impl Mpc {
     /// Weights, LQR gain and tracking error.
     pub fn cost(&self) -> &Cost {
         &self.cost
-    }
-
-    /// Limits of wheels and state.
-    pub fn limits(&self) -> &Limits {
-        &self.limits
-    }
-
-    /// From now on the current rows of these wheels are inactive.
-    pub fn drop_current_rows(&mut self, wheels: [bool; WHEELS_MAX]) {
-        if self.limits.dropped() != wheels {
-            self.limits.drop_current_rows(wheels);
-            self.expectation = None;
-        }
-    }
-
-    /// Motor currents that the last plan predicts for its first period.
-    pub fn foretold_currents(&self) -> Foretold {
-        self.first_period()
-            .map_or(Foretold::default(), |(first, end)| self.limits.foretold_currents(first, end))
-    }
-
-    /// The limit of the robot that the last plan reaches in its first period, if it reaches one.
-    pub fn reached_limit(&self) -> Option<RobotLimit> {
-        self.first_period().and_then(|(first, end)| self.limits.reached(first, end))
-    }
-
-    /// The first period of the last plan, and the state at its end.
-    fn first_period(&self) -> Option<(&Stage, &State)> {
-        let end = self.stages.get(1).map_or(&self.terminal, |stage| &stage.state);
-        self.stages.first().map(|first| (first, end))
-    }
-
-    /// Sets the obstacles around the plan: where they are when it begins. A program that was
-    /// written for others is dropped. Does not allocate.
-    pub fn see_obstacles(&mut self, seen: impl Iterator<Item = Obstacle>) {
-        let state = self.stages.first().map_or(self.terminal, |stage| stage.state);
-        if let Some(around) = self.limits.obstacles_mut() {
-            around.choose(&state, self.horizon, seen);
-            self.expectation = None;
-        }
-    }
-
-    /// Whether an obstacle holds the last plan.
-    pub fn is_held_by_obstacle(&self) -> bool {
-        self.held_by_obstacle
     }
 
     /// The predicted periods of the last plan.

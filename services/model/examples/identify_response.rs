@@ -17,7 +17,7 @@ const GAIN: f64 = 0.8;
 fn main() -> io::Result<()> {
     let robot = Robot::example();
     let main = MainModel::new(&robot, 0.02);
-    let mut estimator = ResponseEstimator::new(&main, robot.wheels.lever_m());
+    let mut estimator = ResponseEstimator::new(&main, &robot.wheels);
     let mut sent = Sent::always([0.0; 3]);
     let mut under_way = VecDeque::from(vec![[0.0; 3]; LATE_PERIODS]);
     let mut velocity: Velocity = [0.0; 3];

@@ -25,10 +25,16 @@
 //! hide a dead time for long. So measured wheels propose one too (`wheels`), which is selected
 //! where it does not predict the velocity worse.
 //!
+//! Many drives change their set points by no more than a fixed rate. Such a ramp is not linear, and
+//! looks like a slow response or a dead time. It is identified from the wheels too (`ramp`). From
+//! then on u is what a drive with this ramp makes of the commands, and plans keep to the rate.
+//!
 //! Reference: Åström, Wittenmark, *Adaptive Control*, 2nd ed., section 2.2.
 
+mod follower;
 mod hypothesis;
 mod least_squares;
+mod ramp;
 mod wheels;
 
 use crate::delay::{Delay, Sent};
@@ -37,6 +43,8 @@ use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
 use hypothesis::{DEAD_TIMES, Hypotheses, Hypothesis, Period, better};
 use least_squares::Change;
+use ramp::Ramps;
+use robot::Wheels;
 use serde::{Deserialize, Serialize};
 use wheels::ByWheels;
 
@@ -86,6 +94,9 @@ impl FirstOrder {
 pub struct FoundResponse {
     believed: usize,
     taken: u32,
+    /// Rate of the drive's ramp, if it has one \[m/s²\].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ramp_mps2: Option<f64>,
     hypotheses: Vec<Hypothesis>,
 }
 
@@ -100,6 +111,7 @@ impl FoundResponse {
         };
         let delays = self.hypotheses.iter().map(|of| of.delay.periods());
         delays.eq(DEAD_TIMES)
+            && self.ramp_mps2.is_none_or(|rate| rate.is_finite() && rate > 0.0)
             && self.believed < DEAD_TIMES.len()
             && self.hypotheses.iter().all(is_finite)
     }
@@ -113,28 +125,33 @@ pub struct ResponseEstimator {
     /// Index of the selected hypothesis.
     believed: usize,
     by_wheels: ByWheels,
+    ramps: Ramps,
     forgetting: f64,
     changes: [Change; AXES],
     /// Converts a yaw rate to a speed \[–, –, m\].
     scale: Velocity,
     /// Velocity at the end of the last period.
     before: Option<Velocity>,
+    /// The same of the wheels.
+    wheels_before: Option<Velocity>,
     /// Number of periods used.
     taken: u32,
 }
 
 impl ResponseEstimator {
-    /// Begins with `main` and no dead time, for a robot whose wheels are `lever_m` from its centre.
-    pub fn new(main: &MainModel, lever_m: f64) -> Self {
+    /// Begins with `main` and no dead time, for a robot with these wheels.
+    pub fn new(main: &MainModel, wheels: &Wheels) -> Self {
         Self {
             main: *main,
             hypotheses: Hypothesis::all(main),
             believed: 0,
             by_wheels: ByWheels::new(main),
+            ramps: Ramps::new(main, wheels),
             forgetting: (-main.period / MEMORY_S).exp(),
             changes: [Change::default(); AXES],
-            scale: [1.0, 1.0, lever_m],
+            scale: [1.0, 1.0, wheels.lever_m()],
             before: None,
+            wheels_before: None,
             taken: 0,
         }
     }
@@ -165,7 +182,9 @@ impl ResponseEstimator {
     /// The response identified so far. Allocates.
     pub fn found(&self) -> FoundResponse {
         let Self { believed, taken, hypotheses, .. } = self;
-        FoundResponse { believed: *believed, taken: *taken, hypotheses: hypotheses.to_vec() }
+        let ramp_mps2 = self.ramps.rate();
+        let hypotheses = hypotheses.to_vec();
+        FoundResponse { believed: *believed, taken: *taken, ramp_mps2, hypotheses }
     }
 
     /// Continues from a response that was `found` by an estimator of the same main model. Returns
@@ -175,6 +194,7 @@ impl ResponseEstimator {
         if is_usable {
             self.hypotheses.copy_from_slice(&found.hypotheses);
             (self.taken, self.before) = (found.taken, None);
+            self.ramps.select(found.ramp_mps2);
             self.believe(found.believed);
         }
         is_usable
@@ -201,25 +221,37 @@ impl ResponseEstimator {
         FirstOrderResponse { main: self.main, axes, turns: believed.turns() }
     }
 
+    /// Largest rate at which the drive changes the rim speeds of its set points, if it ramps its
+    /// command \[m/s²\].
+    pub fn ramp_mps2(&self) -> Option<f64> {
+        self.ramps.rate()
+    }
+
+    /// The inputs that acted without dead time, for these commands: a drive with a ramp follows
+    /// them late.
+    pub fn ramped<'a>(&'a self, commands: &'a Sent) -> &'a Sent {
+        self.ramps.sent().unwrap_or(commands)
+    }
+
     /// Updates the estimate with the period that has just ended with velocity `after`. Its command
-    /// is the newest of `sent`. `wheels` is the velocity that the wheels' speeds give, if they are
-    /// measured \[m/s, m/s, rad/s\]. Ignores numbers that are not finite.
-    pub fn update(&mut self, sent: &Sent, after: &Velocity, wheels: Option<&Velocity>) {
+    /// is the newest of `commands`. `wheels` is the velocity that the wheels' speeds give, if they
+    /// are measured \[m/s, m/s, rad/s\]. Ignores numbers that are not finite.
+    pub fn update(&mut self, commands: &Sent, after: &Velocity, wheels: Option<&Velocity>) {
         let is_finite = |numbers: &Velocity| numbers.iter().all(|value| value.is_finite());
         let wheels = wheels.filter(|wheels| is_finite(wheels));
-        if !is_finite(after) || !is_finite(&sent.last()) {
-            self.before = None;
-            self.by_wheels.resume(None);
+        let wheels_before = std::mem::replace(&mut self.wheels_before, wheels.copied());
+        if !is_finite(after) || !is_finite(&commands.last()) {
+            (self.before, self.wheels_before) = (None, None);
             return;
         }
+        self.ramps.push(&commands.last());
         let Some(before) = self.before.replace(*after) else {
-            self.by_wheels.resume(wheels);
+            self.follow(wheels);
             return;
         };
+        let sent = *self.ramped(commands);
         self.taken = self.taken.saturating_add(1);
-        let turning = turning(&self.main, &before).mean;
-        let (forgetting, scale) = (self.forgetting, self.scale);
-        let period = Period { before, after: *after, turning, forgetting, scale };
+        let period = self.period(before, *after);
         let mut believed_errors = [0.0; AXES];
         for (index, hypothesis) in self.hypotheses.iter_mut().enumerate() {
             let frame = hypothesis.frame();
@@ -230,13 +262,44 @@ impl ResponseEstimator {
         }
         self.forget_contradicted(&believed_errors);
         self.select();
-        if let Some(wheels) = wheels {
-            let proposed =
-                self.by_wheels.update(&self.main, sent, wheels, self.scale, self.forgetting);
-            self.consider(proposed);
-        } else {
-            self.by_wheels.resume(None);
+        match (wheels_before, wheels) {
+            (Some(before), Some(after)) => {
+                let period = self.period(before, *after);
+                let proposed = self.by_wheels.update(&period, &sent);
+                self.consider(proposed);
+                if self.ramps.update(&period, self.by_wheels.errors()) {
+                    self.begin_anew();
+                }
+            }
+            (None, Some(wheels)) => self.follow(Some(wheels)),
+            (_, None) => {}
         }
+    }
+
+    fn period(&self, before: Velocity, after: Velocity) -> Period {
+        Period {
+            before,
+            after,
+            turning: turning(&self.main, &before).mean,
+            forgetting: self.forgetting,
+            scale: self.scale,
+            length_s: self.main.period,
+        }
+    }
+
+    /// The wheels begin here.
+    fn follow(&mut self, wheels: Option<&Velocity>) {
+        if let Some(wheels) = wheels {
+            self.by_wheels.resume(wheels);
+            self.ramps.resume(wheels);
+        }
+    }
+
+    /// Begins with the main model, because the inputs that acted were other ones than believed.
+    fn begin_anew(&mut self) {
+        self.hypotheses = Hypothesis::all(&self.main);
+        (self.changes, self.taken) = ([Change::default(); AXES], 0);
+        self.believe(self.nearest(self.ramps.delay().periods() * self.main.period));
     }
 
     /// Reopens the fits of the axes on which the robot or its world has changed. `errors` are those
@@ -251,7 +314,7 @@ impl ResponseEstimator {
 
     /// Selects this dead time, also as the one of the wheels.
     fn believe(&mut self, index: usize) {
-        self.believed = index;
+        (self.believed, self.wheels_before) = (index, None);
         self.by_wheels.begin_with(&self.hypotheses, index);
     }
 
@@ -276,11 +339,17 @@ impl ResponseEstimator {
         }
     }
 
-    /// A period is missing: the next one begins with `velocity`, and `wheels` as in
-    /// [`update`](Self::update).
-    pub fn resume(&mut self, velocity: &Velocity, wheels: Option<&Velocity>) {
-        self.before = Some(*velocity);
-        self.by_wheels.resume(wheels);
+    /// A period is missing: the next one begins with `velocity`, after `command` has acted for
+    /// long, and `wheels` as in [`update`](Self::update).
+    pub fn resume(&mut self, command: &Velocity, velocity: &Velocity, wheels: Option<&Velocity>) {
+        (self.before, self.wheels_before) = (Some(*velocity), wheels.copied());
+        self.settle(command);
+        self.follow(wheels);
+    }
+
+    /// `command` has acted for long.
+    pub fn settle(&mut self, command: &Velocity) {
+        self.ramps.settle(command);
     }
 }
 

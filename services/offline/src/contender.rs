@@ -76,7 +76,7 @@ impl Contender {
             identify: Identify::Off,
             blind: model.is_some(),
         };
-        let estimator = ResponseEstimator::new(&main, settings.robot.wheels.lever_m());
+        let estimator = ResponseEstimator::new(&main, &settings.robot.wheels);
         let mut explanations = Explanations::new(
             choice,
             &main,

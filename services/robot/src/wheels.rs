@@ -228,6 +228,13 @@ impl Wheels {
         self.inverse.map(|row| row[0] * sums[0] + row[1] * sums[1] + row[2] * sums[2])
     }
 
+    /// Largest body velocity on an axis while no rim is faster than 1 m/s \[m/s or rad/s\].
+    pub fn largest_body(&self, axis: usize) -> f64 {
+        let of = &self.inverse[axis];
+        let shares = self.rows().iter().map(|row| of[0] * row[0] + of[1] * row[1] + of[2] * row[2]);
+        shares.map(f64::abs).sum()
+    }
+
     /// Mean of r \[m\].
     pub fn radius_m(&self) -> f64 {
         pairwise_sum(self.radii_m()) / self.count as f64

@@ -106,6 +106,8 @@ impl Planner {
     fn prepare(&mut self, tick: u64, state: &State, knowledge: &mut Knowledge) {
         knowledge.look(tick);
         knowledge.settle_delay();
+        let period_s = knowledge.main().period;
+        self.mpc.keep_to_ramp(knowledge.ramp_mps2().map(|rate| rate * period_s));
         if self.prepared.is_none() {
             self.mpc.begin_at(state);
         }

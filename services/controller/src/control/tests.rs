@@ -1,5 +1,6 @@
 mod dead_times;
 mod faults;
+mod ramps;
 mod tuning;
 
 use super::*;

@@ -12,7 +12,7 @@ fn main() -> MainModel {
 }
 
 fn explanations(choice: Choice) -> Explanations {
-    let response = ResponseEstimator::new(&main(), 0.5).response();
+    let response = ResponseEstimator::new(&main(), &Robot::example().wheels).response();
     let physics = Physics::new(&main(), &Robot::example().wheels);
     Explanations::new(choice, &main(), [1.0; AXES], response, physics)
 }
@@ -99,9 +99,9 @@ fn one_absurd_sample_moves_the_disturbance_no_further_than_physics_allow() {
 fn a_robot_with_another_response_is_predicted_by_its_response() {
     let choice = Choice { identify: Identify::Response, ..WITH_OBSERVERS };
     let mut explanations = explanations(choice);
-    let mut estimator = ResponseEstimator::new(&main(), 0.5);
+    let mut estimator = ResponseEstimator::new(&main(), &Robot::example().wheels);
     let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
-    estimator.resume(&velocity, None);
+    estimator.resume(&[0.0; AXES], &velocity, None);
     for k in 0..500 {
         // A soft speed loop forward; the other axes match the main model.
         let input: Velocity = std::array::from_fn(|axis| (0.2 * (k + axis) as f64).sin());

@@ -11,6 +11,7 @@
 //! Tightening reduces the bounds on the state, at most until the two sides meet.
 
 mod inputs;
+mod nearest;
 
 pub use inputs::{InputLimits, RobotLimit};
 
@@ -18,7 +19,6 @@ use super::around::{ACTIVE_MAX, Around, CORNERS};
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{PresentPlan, Stage};
 use crate::currents::Foretold;
-use crate::reference::ReferencePoint;
 use crate::settings::StateLimits;
 use model::main_model::MainModel;
 use model::{State, Velocity};
@@ -44,7 +44,7 @@ enum Kind {
     WheelSpeed(usize),
     /// |u|/`u_max` of one axis.
     Input(usize),
-    /// Change of u in one period, per axis.
+    /// Change of u in one period, per axis; of J u, per wheel, if the drive ramps its command.
     Change(usize),
     /// |`k_p` J (u − v + (g + d)/(1 − A))/r|/`i_max` of one wheel; soft.
     Current(usize),
@@ -72,6 +72,10 @@ pub struct Limits {
     main: MainModel,
     /// Wheels whose current rows are dropped.
     dropped: [bool; WHEELS_MAX],
+    /// Rows of the largest change of u in one period, each at most 1 either way.
+    changes: [Velocity; WHEELS_MAX],
+    /// Largest change of the rim speeds in one period, if the drive ramps its command \[m/s\].
+    ramp: Option<f64>,
     /// Obstacles; none if the program has no rows for them.
     around: Option<Around>,
     /// Kind and period of each row; a row on a state bounds that period's end.
@@ -96,6 +100,8 @@ impl Limits {
             horizon,
             main: *main,
             dropped: [false; WHEELS_MAX],
+            changes: inputs.changes(None),
+            ramp: None,
             around: None,
             kinds: Vec::new(),
         };
@@ -141,6 +147,19 @@ impl Limits {
         self.dropped
     }
 
+    /// From now on plans keep to a drive that changes the rim speeds of its set points by no more
+    /// than this in a period, if there is such a bound \[m/s\]. Returns whether that is new.
+    pub(super) fn keep_to_ramp(&mut self, rim: Option<f64>) -> bool {
+        let is_new = self.ramp != rim;
+        (self.changes, self.ramp) = (self.inputs.changes(rim), rim);
+        is_new
+    }
+
+    /// The bound of [`keep_to_ramp`](Self::keep_to_ramp).
+    pub(super) fn ramp(&self) -> Option<f64> {
+        self.ramp
+    }
+
     /// Motor currents that a plan predicts for its first period.
     pub(super) fn foretold_currents(&self, first: &Stage, after: &State) -> Foretold {
         let unmodelled = self.unmodelled(&first.state.velocity, after);
@@ -153,13 +172,23 @@ impl Limits {
     }
 
     /// The limit of the robot that a plan reaches in its first period, if it reaches one. `after`
-    /// is the state at the end of this period.
-    pub(super) fn reached(&self, first: &Stage, after: &State) -> Option<RobotLimit> {
+    /// is the state at the end of this period, `last_input` the input before.
+    pub(super) fn reached(
+        &self,
+        first: &Stage,
+        after: &State,
+        last_input: &Velocity,
+    ) -> Option<RobotLimit> {
         let InputLimits { wheel, wheels, input, .. } = &self.inputs;
         let currents = self.foretold_currents(first, after).start;
+        let change: Velocity = std::array::from_fn(|axis| first.input[axis] - last_input[axis]);
+        let is_ramped =
+            |change: &Velocity| self.changes.iter().any(|row| dot(row, change).abs() >= REACHES);
         let is_full = |wheel: usize| !self.dropped[wheel] && currents[wheel].abs() >= REACHES;
         if (0..*wheels).any(is_full) {
             Some(RobotLimit::MotorCurrent)
+        } else if self.ramp.is_some() && is_ramped(&change) {
+            Some(RobotLimit::Ramp)
         } else if wheel.iter().any(|row| dot(row, &first.input).abs() >= REACHES) {
             Some(RobotLimit::WheelSpeed)
         } else if (0..3).any(|axis| first.input[axis].abs() >= REACHES * input[axis]) {
@@ -217,11 +246,8 @@ impl Limits {
         for period in 0..blocks {
             kinds.extend((0..self.inputs.wheels).map(|wheel| (Kind::WheelSpeed(wheel), period)));
             kinds.extend((0..3).map(|axis| (Kind::Input(axis), period)));
-            kinds.extend(
-                (0..3)
-                    .filter(|_| self.inputs.change.is_some())
-                    .map(|axis| (Kind::Change(axis), period)),
-            );
+            let changes = if self.inputs.change.is_some() { self.inputs.wheels.max(3) } else { 0 };
+            kinds.extend((0..changes).map(|row| (Kind::Change(row), period)));
             kinds.extend(
                 (0..self.inputs.wheels)
                     .filter(|_| self.inputs.current.is_some())
@@ -279,48 +305,11 @@ impl Limits {
         Penalties { slack: SLACK_PENALTY, slack_curvature: SLACK_CURVATURE, ..inputs }
     }
 
-    /// The nearest input in the same direction that the wheels can follow; NaN counts as 0.
-    pub fn clamp(&self, input: &Velocity) -> Velocity {
-        let boxed: Velocity = std::array::from_fn(|axis| {
-            let desired = if input[axis].is_nan() { 0.0 } else { input[axis] };
-            desired.clamp(-self.inputs.input[axis], self.inputs.input[axis])
-        });
-        let load = self.inputs.wheel.iter().map(|row| dot(row, &boxed).abs()).fold(1.0, f64::max);
-        boxed.map(|value| value / load)
-    }
-
-    /// `point` within the bounds on the state: changes its heading and velocity, not its position.
-    pub fn admitted(&self, point: &ReferencePoint) -> ReferencePoint {
-        let heading = self.heading.unwrap_or(f64::INFINITY);
-        let mut admitted = *point;
-        admitted.pose[2] = point.pose[2].clamp(-heading, heading);
-        admitted.velocity = self.slowed(&point.velocity);
-        admitted
-    }
-
-    /// `velocity` within the bounds on the state.
-    pub fn slowed(&self, velocity: &Velocity) -> Velocity {
-        std::array::from_fn(|axis| {
-            let most = self.speed[axis].unwrap_or(f64::INFINITY);
-            velocity[axis].clamp(-most, most)
-        })
-    }
-
-    /// The nearest input to `desired` that can be reached from `last` in one period.
-    pub fn reach(&self, desired: &Velocity, last: &Velocity) -> Velocity {
-        let (desired, last) = (self.clamp(desired), self.clamp(last));
-        let Some(change) = self.inputs.change else { return desired };
-        let near: Velocity = std::array::from_fn(|axis| {
-            desired[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
-        });
-        self.clamp(&near)
-    }
-
     /// Writes every row about the present plan. Does not allocate.
     pub(super) fn write(&self, plan: &PresentPlan<'_>, program: &mut QuadraticProgram) {
         let PresentPlan { stages, last_input, .. } = *plan;
-        let InputLimits { wheel: of_wheel, current, input: largest, change, .. } = &self.inputs;
-        let (current, change) = (current.unwrap_or_default(), change.unwrap_or([f64::INFINITY; 3]));
+        let InputLimits { wheel: of_wheel, current, input: largest, .. } = &self.inputs;
+        let current = current.unwrap_or_default();
         let around = self.around.as_ref();
         let mut approaches =
             around.map_or_else(Default::default, |around| around.approaches(plan.state(0)));
@@ -330,12 +319,12 @@ impl Limits {
             let used = match kind {
                 Kind::WheelSpeed(wheel) => on_input(row, &of_wheel[wheel], &stage.input),
                 Kind::Input(axis) => on_input(row, &unit(axis, largest[axis]), &stage.input),
-                Kind::Change(axis) => {
+                Kind::Change(index) => {
                     let before = period
                         .checked_sub(1)
                         .and_then(|k| stages.get(k))
                         .map_or(last_input, |stage| &stage.input);
-                    let coefficients = unit(axis, change[axis]);
+                    let coefficients = self.changes[index];
                     on_input(row, &coefficients, &stage.input)
                         + on_state(row, &coefficients.map(|value| -value), before)
                 }

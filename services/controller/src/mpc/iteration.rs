@@ -26,6 +26,7 @@ impl Mpc {
         reference: &[ReferencePoint],
         belief: &Belief<'_>,
     ) -> Solved {
+        self.last_input = *last_input;
         if let Some(solved) = self.iterate_expected(state, last_input, belief) {
             return solved;
         }

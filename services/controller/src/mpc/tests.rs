@@ -1,10 +1,11 @@
+use super::constraint::RobotLimit;
 use super::*;
 use crate::settings::{
     DelaySetting, Identify, Linearise, Method, Observers, SolverSetting, StateLimits, Weights,
 };
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
-use robot::Drive;
+use robot::{Drive, WHEELS_MAX};
 
 pub(crate) fn settings() -> MpcSettings {
     MpcSettings {
@@ -398,5 +399,43 @@ fn a_dropped_row_is_inactive_and_a_restored_row_is_active() -> Result<(), MpcErr
     mpc.drop_current_rows([false; WHEELS_MAX]);
     let bound = most_foretold(&mut mpc, &belief);
     assert!((0.9..1.1).contains(&bound), "{bound}");
+    Ok(())
+}
+
+#[test]
+fn plans_and_fallbacks_keep_to_the_ramp_of_a_drive() -> Result<(), MpcError> {
+    let (robot, rim) = (Robot::example(), 0.12);
+    let main = MainModel::new(&robot, 0.1);
+    let belief = Belief::of(&main);
+    let mut mpc = Mpc::new(&settings(), &robot, &main)?;
+    mpc.keep_to_ramp(Some(rim));
+    let largest = |from: &Velocity, to: &Velocity| {
+        let change: Velocity = std::array::from_fn(|axis| to[axis] - from[axis]);
+        let rims = robot.wheels.rows().iter().map(|row| (0..3).map(|i| row[i] * change[i]).sum());
+        rims.fold(0.0, |most: f64, rim: f64| most.max(rim.abs()))
+    };
+    // The robot rests, and the reference drives away.
+    let (mut state, mut input) = (State::default(), [0.0; 3]);
+    mpc.begin_at(&state);
+    let mut reached = 0;
+    for tick in 0..40 {
+        let reference = circle(tick, mpc.horizon() + 1);
+        mpc.prepare(&reference, &belief);
+        assert!(mpc.iterate(&state, &input, &reference, &belief).outcome.usable());
+        let inputs = mpc.stages().iter().take(mpc.blocks).map(|stage| stage.input);
+        let mut before = input;
+        for planned in inputs {
+            assert!(largest(&before, &planned) < 1.001 * rim, "{before:?} to {planned:?}");
+            before = planned;
+        }
+        reached += usize::from(mpc.reached_limit() == Some(RobotLimit::Ramp));
+        let braked = mpc.limits().reach(&[0.0; 3], &input);
+        assert!(largest(&input, &braked) < 1.001 * rim);
+        input = mpc.stages()[0].input;
+        state = belief.predict(&state, &input);
+    }
+    assert!(reached > 5, "{reached}");
+    mpc.keep_to_ramp(None);
+    assert!(largest(&[0.0; 3], &mpc.limits().reach(&[0.5, 0.0, 0.0], &[0.0; 3])) > 2.0 * rim);
     Ok(())
 }

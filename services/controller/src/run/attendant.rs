@@ -83,6 +83,13 @@ fn write_events(handover: &Handover) {
             Event::Sensors { tick, fault: None } => {
                 tracing::info!(tick, "the sensors work again");
             }
+            Event::Ramp { tick, rate_mps2: Some(rate) } => tracing::info!(
+                tick,
+                "the drive ramps its commands: plans change the rim speeds by {rate:.2} m/s2 at most"
+            ),
+            Event::Ramp { tick, rate_mps2: None } => {
+                tracing::info!(tick, "the drive does not ramp its commands any more");
+            }
             Event::List { tick, error } => {
                 tracing::warn!(tick, "a list of obstacles is refused: {error}");
             }

@@ -41,9 +41,10 @@ pub(crate) fn main_model() -> MainModel {
 /// Limits of the inputs: a box, and the rim speed of four wheels.
 pub(crate) fn inputs() -> InputLimits {
     let wheels = Robot::example().wheels;
-    let wheel = wheels.scaled_rows(|_radius| 1.0).map(|row| row.map(|value| value / RIM_SPEED));
-    let wheels = wheels.count();
-    InputLimits { wheel, current: None, wheels, input: LARGEST_INPUT, change: None }
+    let (rim, wheels) = (wheels.scaled_rows(|_radius| 1.0), wheels.count());
+    let wheel = rim.map(|row| row.map(|value| value / RIM_SPEED));
+    let (change, rim_change) = (None, f64::INFINITY);
+    InputLimits { wheel, current: None, wheels, input: LARGEST_INPUT, change, rim, rim_change }
 }
 
 /// Weights, and limits on the velocity; every input of the horizon is free.

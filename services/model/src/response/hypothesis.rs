@@ -26,6 +26,8 @@ pub(super) struct Period {
     pub(super) forgetting: f64,
     /// Converts a yaw rate to a speed \[–, –, m\].
     pub(super) scale: Velocity,
+    /// T \[s\].
+    pub(super) length_s: f64,
 }
 
 impl Period {
@@ -56,13 +58,18 @@ pub(super) struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// Every dead time with the response of `main`.
-    pub(super) fn all(main: &MainModel) -> Hypotheses {
-        DEAD_TIMES.map(|periods| Self {
+    /// A dead time with the response of `main` \[periods\].
+    pub(super) fn new(main: &MainModel, periods: f64) -> Self {
+        Self {
             delay: Delay::of_periods(periods),
             fits: std::array::from_fn(|axis| Fit::new(main.decay[axis], main.gain[axis])),
             costs: [0.0; FRAMES],
-        })
+        }
+    }
+
+    /// Every dead time with the response of `main`.
+    pub(super) fn all(main: &MainModel) -> Hypotheses {
+        DEAD_TIMES.map(|periods| Self::new(main, periods))
     }
 
     /// Updates fits and costs with a period in which `acted` acted. Returns the errors of the fits

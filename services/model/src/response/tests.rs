@@ -29,7 +29,8 @@ fn found_changing(
 ) -> ResponseEstimator {
     let main = MainModel::new(&Robot::example(), 0.02);
     let delay = Delay::of_periods(periods);
-    let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.5));
+    let (mut sent, mut estimator) =
+        (Sent::default(), ResponseEstimator::new(&main, &Robot::example().wheels));
     let mut velocity = [0.0; AXES];
     for k in 0..count {
         sent.push(std::array::from_fn(|axis| {
@@ -116,7 +117,7 @@ proptest! {
 #[test]
 fn the_response_at_standstill_stays_that_of_the_main_model() {
     let main = MainModel::new(&Robot::example(), 0.02);
-    let mut estimator = ResponseEstimator::new(&main, 0.5);
+    let mut estimator = ResponseEstimator::new(&main, &Robot::example().wheels);
     for _ in 0..10_000 {
         estimator.update(&Sent::default(), &[0.0; 3], None);
     }
@@ -213,7 +214,8 @@ fn a_change_of_the_robot_is_found_within_three_seconds() {
 fn known_after(periods: f64, count: usize, with_wheels: bool, slip: f64) -> Option<usize> {
     let main = MainModel::new(&Robot::example(), 0.02);
     let delay = Delay::of_periods(periods);
-    let (mut sent, mut estimator) = (Sent::default(), ResponseEstimator::new(&main, 0.25));
+    let (mut sent, mut estimator) =
+        (Sent::default(), ResponseEstimator::new(&main, &Robot::example().wheels));
     let (mut wheels, mut body, mut known) = ([0.0; AXES], [0.0; AXES], None);
     for k in 0..count {
         let start = (0.01 * k as f64).min(0.3);
@@ -249,7 +251,8 @@ fn wheels_of_a_robot_without_a_dead_time_propose_none() {
 fn wheels_that_stand_still_and_wheels_that_are_not_finite_change_nothing() {
     let main = MainModel::new(&Robot::example(), 0.02);
     for wheels in [[0.0; AXES], [f64::NAN; AXES], [1e300, -1e300, 0.0]] {
-        let [mut with, mut without] = [(); 2].map(|()| ResponseEstimator::new(&main, 0.5));
+        let [mut with, mut without] =
+            [(); 2].map(|()| ResponseEstimator::new(&main, &Robot::example().wheels));
         let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
         for k in 0..300 {
             sent.push([(0.3 * f64::from(k)).sin(), 0.0, 0.2]);
@@ -260,5 +263,66 @@ fn wheels_that_stand_still_and_wheels_that_are_not_finite_change_nothing() {
             assert_eq!(with.delay(), without.delay(), "{wheels:?}, {k}");
             assert_eq!(with.response(), without.response(), "{wheels:?}, {k}");
         }
+    }
+}
+
+/// Response of drives that change the rim speeds of their set points by at most `rate` \[m/s²\], to
+/// a course with jumps, as on a square. The speed loop of each wheel has the poles `poles`.
+fn found_ramped(rate: f64, poles: [f64; 2], periods: f64) -> ResponseEstimator {
+    let (main, wheels) = (MainModel::new(&Robot::example(), 0.02), Robot::example().wheels);
+    let (delay, mut sent) = (Delay::of_periods(periods), Sent::default());
+    let mut estimator = ResponseEstimator::new(&main, &wheels);
+    let (mut set_points, mut speeds) = ([0.0; robot::WHEELS_MAX], [[0.0; robot::WHEELS_MAX]; 2]);
+    for k in 0..600_u32 {
+        let jump = [0.5, -0.5, 0.1, 0.9][k as usize / 40 % 4];
+        sent.push([jump, 0.3 * (0.05 * f64::from(k)).sin(), 0.2]);
+        let goals = wheels.speeds(sent.acted(delay));
+        for (wheel, radius) in wheels.radii_m().iter().enumerate() {
+            let most = rate * main.period / radius;
+            let change = (goals[wheel] - set_points[wheel]).clamp(-most, most);
+            set_points[wheel] += change;
+            let [first, second] = &mut speeds;
+            first[wheel] += (1.0 - poles[0]) * (set_points[wheel] - 0.5 * change - first[wheel]);
+            second[wheel] += (1.0 - poles[1]) * (first[wheel] - second[wheel]);
+        }
+        let body = wheels.body(&speeds[1]);
+        let measured =
+            std::array::from_fn(|axis| body[axis] + 0.005 * (12.9 * f64::from(k * k)).sin());
+        estimator.update(&sent, &measured, Some(&body));
+    }
+    estimator
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn the_ramp_of_a_drive_is_found(rate in 0.7..4.0_f64, pole in 0.3..0.8_f64, late in 0..3_u32) {
+        let estimator = found_ramped(rate, [pole, 0.0], f64::from(late));
+        let found = estimator.ramp_mps2().ok_or_else(|| TestCaseError::fail("no ramp"))?;
+        prop_assert!((found / rate - 1.0).abs() < 0.2, "{found} is not {rate}");
+    }
+
+    #[test]
+    fn two_lags_and_a_dead_time_are_no_ramp(
+        first in 0.3..0.97_f64,
+        second in 0.0..0.8_f64,
+        late in 0..6_u32,
+    ) {
+        let estimator = found_ramped(f64::INFINITY, [first, second], f64::from(late));
+        prop_assert_eq!(estimator.ramp_mps2(), None);
+    }
+}
+
+#[test]
+fn an_estimator_continues_with_the_ramp_of_an_earlier_one() {
+    let earlier = found_ramped(2.0, [0.6, 0.0], 1.0);
+    let mut later = found_ramped(f64::INFINITY, [0.6, 0.0], 0.0);
+    assert!(later.begin_with(&earlier.found()));
+    assert_eq!(later.ramp_mps2(), earlier.ramp_mps2());
+    assert_eq!(later.found(), earlier.found());
+    for impossible in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let found = FoundResponse { ramp_mps2: Some(impossible), ..earlier.found() };
+        assert!(!later.begin_with(&found), "{impossible}");
     }
 }
