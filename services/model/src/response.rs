@@ -41,6 +41,7 @@ use crate::delay::{Delay, Sent};
 use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
+use follower::FOLLOWING_S;
 use hypothesis::{DEAD_TIMES, Hypotheses, Hypothesis, Period, better};
 use least_squares::Change;
 use ramp::Ramps;
@@ -127,6 +128,8 @@ pub struct ResponseEstimator {
     by_wheels: ByWheels,
     ramps: Ramps,
     forgetting: f64,
+    /// e^{−T/τ} of a response that follows the wheels.
+    kept: f64,
     changes: [Change; AXES],
     /// Converts a yaw rate to a speed \[–, –, m\].
     scale: Velocity,
@@ -148,6 +151,7 @@ impl ResponseEstimator {
             by_wheels: ByWheels::new(main),
             ramps: Ramps::new(main, wheels),
             forgetting: (-main.period / MEMORY_S).exp(),
+            kept: (-main.period / FOLLOWING_S).exp(),
             changes: [Change::default(); AXES],
             scale: [1.0, 1.0, wheels.lever_m()],
             before: None,
@@ -283,7 +287,7 @@ impl ResponseEstimator {
             turning: turning(&self.main, &before).mean,
             forgetting: self.forgetting,
             scale: self.scale,
-            length_s: self.main.period,
+            kept: self.kept,
         }
     }
 

@@ -16,7 +16,7 @@ use super::hypothesis::{Hypothesis, Period};
 use crate::{AXES, Velocity};
 
 /// τ \[s\].
-const FOLLOWING_S: f64 = 0.15;
+pub(super) const FOLLOWING_S: f64 = 0.15;
 
 /// Largest |e| of a response that follows \[m/s\]. Beyond, it begins anew at the wheels.
 const LOST_MPS: f64 = 10.0;
@@ -71,7 +71,6 @@ impl Follower {
 
     /// Processes a period in which `acted` acted.
     pub(super) fn update(&mut self, period: &Period, acted: &Velocity) {
-        let kept = (-period.length_s / FOLLOWING_S).exp();
         let mut errors = [[0.0; AXES]; FRAMES];
         for (frame, followed) in self.followed.iter_mut().enumerate() {
             for axis in 0..AXES {
@@ -80,7 +79,7 @@ impl Follower {
                 let next = of.decay * followed[axis] + of.gain * acted[axis] + of.offset + turned;
                 let error = period.after[axis] - next;
                 errors[frame][axis] = error;
-                let kept = if error.abs() < LOST_MPS { kept } else { 0.0 };
+                let kept = if error.abs() < LOST_MPS { period.kept } else { 0.0 };
                 followed[axis] = period.after[axis] - kept * error;
             }
         }

@@ -26,8 +26,8 @@ pub(super) struct Period {
     pub(super) forgetting: f64,
     /// Converts a yaw rate to a speed \[–, –, m\].
     pub(super) scale: Velocity,
-    /// T \[s\].
-    pub(super) length_s: f64,
+    /// e^{−T/τ} of a response that follows.
+    pub(super) kept: f64,
 }
 
 impl Period {

@@ -161,32 +161,22 @@ impl Ramps {
                 follower.update(period, &ramp.sent.acted(follower.hypothesis.delay));
             }
         }
-        let (before, best) = (self.selected, self.best());
+        let errors = self.candidates.each_ref().map(Ramp::errors);
+        let (before, best) = (self.selected, least(&errors));
         let changes = (best == 0) != (before == 0);
-        if best != before && self.is_convincing(best, without) {
+        let present = if before == 0 { errors[0].min(without) } else { errors[before] };
+        if best != before && self.is_convincing(&errors[best], &present, changes) {
             self.selected = best;
-            self.refine();
+            self.refine(&errors);
         }
         changes && self.selected != before
     }
 
-    /// Index of the rate with the least error. It lies between two others, so it is never the
-    /// largest one.
-    fn best(&self) -> usize {
-        let error = |index: usize| self.candidates[index].errors().followed;
-        (0..RATES.len() - 1).min_by(|&a, &b| error(a).total_cmp(&error(b))).unwrap_or(0)
-    }
-
-    /// Whether the rate of this index explains the wheels convincingly better than the selected
-    /// one.
-    fn is_convincing(&self, index: usize, without: Errors) -> bool {
-        let (other, present) =
-            (self.candidates[index].errors(), self.candidates[self.selected].errors());
-        let present = if self.selected == 0 { present.min(without) } else { present };
-        let between_ramps = index != 0 && self.selected != 0;
+    /// Whether a candidate with these errors explains the wheels convincingly better than the
+    /// present one. Between ramps any difference counts.
+    fn is_convincing(&self, other: &Errors, present: &Errors, changes: bool) -> bool {
         // A soft response that follows with a ramp looks better too, but not over one period.
-        let [followed, one_step] =
-            if between_ramps { [1.0; 2] } else { [CONVINCING_RAMP, CONVINCING] };
+        let [followed, one_step] = if changes { [CONVINCING_RAMP, CONVINCING] } else { [1.0; 2] };
         f64::from(self.taken) * self.period_s >= LEARNING_S
             && other.followed < followed * present.followed
             && present.followed - other.followed > EVIDENCE
@@ -195,17 +185,25 @@ impl Ramps {
 
     /// Moves the selected rate to where the parabola through its error and those of its neighbours
     /// is least.
-    fn refine(&mut self) {
+    fn refine(&mut self, errors: &[Errors; RATES.len()]) {
         let at = self.selected;
         let around = at.checked_sub(1).and_then(|before| self.candidates.get(before..at + 2));
         let Some([before, here, after]) = around else { return };
         let (left, right) = (here.rate - before.rate, here.rate - after.rate);
-        let errors = [before, here, after].map(|ramp| ramp.errors().followed);
-        let (rise_left, rise_right) = (errors[1] - errors[2], errors[1] - errors[0]);
+        let of = |index: usize| errors[index].followed;
+        let (rise_left, rise_right) = (of(at) - of(at + 1), of(at) - of(at - 1));
         let moved = 0.5 * (left * left * rise_left - right * right * rise_right)
             / (left * rise_left - right * rise_right);
         if moved.is_finite() {
             self.candidates[at].rate = (here.rate - moved).clamp(before.rate, after.rate);
         }
     }
+}
+
+/// Index of the rate with the least error. It lies between two others, so it is never the largest
+/// one.
+fn least(errors: &[Errors; RATES.len()]) -> usize {
+    (0..RATES.len() - 1)
+        .min_by(|&a, &b| errors[a].followed.total_cmp(&errors[b].followed))
+        .unwrap_or(0)
 }
