@@ -26,11 +26,15 @@ const RATES: [f64; 13] =
 const DEAD_TIMES: [f64; 4] = [0.0, 1.0, 2.0, 4.0];
 
 /// A ramp is selected when the error of the response that follows is below this share of the error
-/// without it, and the other way round.
+/// without it.
 const CONVINCING_RAMP: f64 = 0.5;
 
 /// Smallest difference of these errors that reveals a ramp \[(m/s)²\].
 const EVIDENCE: f64 = 0.02;
+
+/// Time for which a ramp must be better before it is selected \[s\]. For a few periods after a
+/// change of the robot, as a motor that fails, anything can be.
+const LASTING_S: f64 = 1.0;
 
 /// Time before the first selection \[s\]: the responses must be identified first.
 const LEARNING_S: f64 = 2.0;
@@ -91,6 +95,8 @@ pub(super) struct Ramps {
     candidates: [Ramp; RATES.len()],
     /// Index of the selected one; 0 is no ramp.
     selected: usize,
+    /// Number of periods in a row in which another one was better.
+    better: u32,
     taken: u32,
 }
 
@@ -101,6 +107,7 @@ impl Ramps {
             period_s: main.period,
             candidates: RATES.map(|rate| Ramp::new(rate, main)),
             selected: 0,
+            better: 0,
             taken: 0,
         }
     }
@@ -163,24 +170,20 @@ impl Ramps {
         }
         let errors = self.candidates.each_ref().map(Ramp::errors);
         let (before, best) = (self.selected, least(&errors));
-        let changes = (best == 0) != (before == 0);
         let present = if before == 0 { errors[0].min(without) } else { errors[before] };
-        if best != before && self.is_convincing(&errors[best], &present, changes) {
+        let is_found = before == 0 && best != 0;
+        let [followed, one_step] = if is_found { [CONVINCING_RAMP, CONVINCING] } else { [1.0; 2] };
+        // A soft response that follows with a ramp looks better too, but not over one period.
+        let is_better = errors[best].followed < followed * present.followed
+            && present.followed - errors[best].followed > EVIDENCE
+            && errors[best].one_step < one_step * present.one_step;
+        self.better = if is_better { self.better + 1 } else { 0 };
+        let least_periods = if is_found { (LASTING_S / self.period_s).max(1.0) as u32 } else { 1 };
+        if f64::from(self.taken) * self.period_s >= LEARNING_S && self.better >= least_periods {
             self.selected = best;
             self.refine(&errors);
         }
-        changes && self.selected != before
-    }
-
-    /// Whether a candidate with these errors explains the wheels convincingly better than the
-    /// present one. Between ramps any difference counts.
-    fn is_convincing(&self, other: &Errors, present: &Errors, changes: bool) -> bool {
-        // A soft response that follows with a ramp looks better too, but not over one period.
-        let [followed, one_step] = if changes { [CONVINCING_RAMP, CONVINCING] } else { [1.0; 2] };
-        f64::from(self.taken) * self.period_s >= LEARNING_S
-            && other.followed < followed * present.followed
-            && present.followed - other.followed > EVIDENCE
-            && other.one_step < one_step * present.one_step
+        (before == 0) != (self.selected == 0)
     }
 
     /// Moves the selected rate to where the parabola through its error and those of its neighbours
