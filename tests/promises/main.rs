@@ -2,6 +2,7 @@
 
 mod attacks;
 mod bad_settings;
+mod bag_estimates;
 mod bags;
 mod carried_over;
 mod certificates;
@@ -11,10 +12,12 @@ mod dependencies;
 mod drill;
 mod error_live;
 mod examples;
+mod excuses;
 mod exposure;
 mod goals;
 mod identified_robots;
 mod identify;
+mod keyboard;
 mod killed_processes;
 mod learning;
 mod live_page;

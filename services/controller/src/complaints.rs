@@ -22,13 +22,17 @@
 //! faster than it answers have no mean. The ratio must be small for a second, so that a dead time
 //! after a standstill does not count.
 
+mod sentence;
+
 use crate::currents::Contradicted;
 use crate::mpc::constraint::RobotLimit;
 use model::{AXES, Velocity, wrap};
 use process::Pace;
-use protocol::message::{ERROR_TEXT_MAX, FallbackLevel, PlantState, Reason};
+use protocol::message::{FallbackLevel, PlantState, Reason};
 use robot::{Robot, WHEELS_MAX};
-use std::fmt::{self, Display, Formatter, Write};
+use std::fmt::{self, Display, Formatter};
+
+pub use sentence::Sentence;
 
 /// Time over which periods decay \[s\].
 const MEMORY_S: f64 = 2.0;
@@ -412,40 +416,6 @@ fn motion(before: &Seen, after: &Seen, period: f64) -> (f64, f64) {
     let (forward, left) = (cos * x + sin * y, cos * y - sin * x);
     let expected = [period * mean[0], period * mean[1]];
     (forward * expected[0] + left * expected[1], expected[0].powi(2) + expected[1].powi(2))
-}
-
-/// A sentence for a Health, without allocation. A sentence that is too long is truncated.
-#[derive(Debug)]
-pub struct Sentence {
-    bytes: [u8; Self::MAX],
-    length: usize,
-}
-
-impl Sentence {
-    const MAX: usize = ERROR_TEXT_MAX;
-
-    /// The sentence of `complaint`.
-    pub fn of(complaint: &Complaint) -> Self {
-        let mut sentence = Self { bytes: [0; Self::MAX], length: 0 };
-        // A full buffer is not an error.
-        let _ = write!(sentence, "{complaint}");
-        sentence
-    }
-
-    /// The sentence as text.
-    pub fn text(&self) -> &str {
-        let written = self.bytes.get(..self.length).unwrap_or_default();
-        std::str::from_utf8(written).unwrap_or_default()
-    }
-}
-
-impl Write for Sentence {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let room = self.bytes.get_mut(self.length..self.length + text.len()).ok_or(fmt::Error)?;
-        room.copy_from_slice(text.as_bytes());
-        self.length += text.len();
-        Ok(())
-    }
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use settings::{Check, Impossible, SettingsError};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Dead time, response and physics, of one main model.
+/// Dead time, ramp, response and physics, of one main model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identified {

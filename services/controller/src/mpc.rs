@@ -4,6 +4,7 @@
 //! min  Σ_{k<N} |e(x_k)|²_Q + |u_k − t_k|²_R + |u_k − u_{k−1}|²_S  +  |e(x_N)|²_F  + ρ Σ s_k
 //! s.t. x_{k+1} = f(x_k, a_k) + g(x_k, a_k) + d,  a_k = (1 − w) u_k + w u_{k−1}
 //!      |J u_k| ≤ r ω_max,  |u_k| ≤ u_max,  |u_k − u_{k−1}| ≤ T u̇_max
+//!      |J (u_k − u_{k−1})| ≤ T a in its place, for a drive with the ramp a
 //!      |k_p J (u_k − v_k + (g + d)/(1 − A))/r| ≤ i_max (1 + s_k)
 //!      |θ_k| ≤ θ_max (1 + s_k),  |v_k| ≤ v_max (1 + s_k),  s_k ≥ 0
 //!      n·p_k ≤ b_k + s"_k  for each obstacle ([`around`]),  s"_k ≥ 0

@@ -4,13 +4,13 @@
 //! ends in the same order: first the robot, last the recorder, then the graph is removed from the
 //! machine.
 
+mod outcome;
 mod told;
 
 use crate::all_hosts;
-use crate::child::Ending;
 #[cfg(feature = "faults")]
 use crate::fault_injector::FaultInjector;
-use crate::fleet::{Event, Fleet, FleetError, RunContext};
+use crate::fleet::{Event, Fleet, RunContext};
 use crate::progress;
 use crate::service_manager::ServiceManager;
 use crate::watch::Watch;
@@ -19,15 +19,13 @@ use graph::file::Graph;
 use graph::options::Options;
 use process::{Pace, keep_to_user, log_filter, requests};
 use protocol::message::Participant;
-use runs::folder::{self, FolderError};
-use runs::registry::{self, GraphEntry, RegistryError};
-use settings::SettingsError;
+use runs::folder;
+use runs::registry::{self, GraphEntry};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::error::Error;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -37,7 +35,9 @@ use told::{conclude, heading, invite, within_reach};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use transport::{HalfMade, OpenError, claim};
+use transport::{HalfMade, claim};
+
+pub use outcome::{LaunchError, Outcome};
 
 /// Interval between two rounds of supervision.
 const ROUND: Duration = Duration::from_millis(20);
@@ -47,94 +47,6 @@ const CLAIMS_EVERY: Duration = Duration::from_millis(200);
 const ENDS_WITHIN: Duration = Duration::from_secs(5);
 /// Longest time for the recorder to stop: it reads the whole record.
 const RECORDER_ENDS_WITHIN: Duration = Duration::from_mins(2);
-
-/// Why a graph was not launched, or its run did not end correctly.
-#[derive(Debug, thiserror::Error)]
-pub enum LaunchError {
-    /// A file contains an invalid value.
-    #[error(transparent)]
-    Settings(#[from] SettingsError),
-    /// The run directory cannot be used.
-    #[error(transparent)]
-    Folder(#[from] FolderError),
-    /// Some binaries are not built.
-    #[error(
-        "{} not found in {}: build with `cargo build --release --workspace --bins`",
-        programs.join(", "),
-        folder.display()
-    )]
-    MissingPrograms {
-        /// The missing binaries.
-        programs: Vec<String>,
-        /// Directory where they are expected.
-        folder: PathBuf,
-    },
-    /// The graph cannot be registered on this machine.
-    #[error(transparent)]
-    Registry(#[from] RegistryError),
-    /// The launcher cannot open its own ports.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// A host of the graph, on this machine, did not end correctly.
-    #[error("host {host} ended with {ending}")]
-    Host {
-        /// The host.
-        host: String,
-        /// How its launch ended.
-        ending: Ending,
-    },
-    /// A process failed.
-    #[error(transparent)]
-    Fleet(#[from] FleetError),
-    /// The run was not recorded correctly, or did not end correctly.
-    #[error("{}", complaints.join("\n"))]
-    Ending {
-        /// One sentence per error.
-        complaints: Vec<String>,
-    },
-    /// Error of the operating system.
-    #[error("{what}: {source}")]
-    System {
-        /// The operation that failed.
-        what: &'static str,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-}
-
-/// Why a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// The plant has finished.
-    Finished,
-    /// This signal requested the end.
-    Signal(i32),
-}
-
-impl Outcome {
-    /// 0, or 128 plus the signal's number, as in shells.
-    pub fn exit_code(self) -> ExitCode {
-        match self {
-            Self::Finished => ExitCode::SUCCESS,
-            Self::Signal(signal) => {
-                ExitCode::from(128_u8.saturating_add(u8::try_from(signal).unwrap_or(0)))
-            }
-        }
-    }
-}
-
-impl LaunchError {
-    /// 2 if nothing was started because of an invalid setting, else 1.
-    pub fn exit_code(&self) -> ExitCode {
-        match self {
-            Self::Settings(_)
-            | Self::Folder(FolderError::NotEmpty { .. } | FolderError::NotPrivate(_)) => {
-                ExitCode::from(2)
-            }
-            _ => ExitCode::FAILURE,
-        }
-    }
-}
 
 /// Makes the same run without learning for the live page, and returns its file in the run
 /// directory; none if the page needs none.

@@ -1,4 +1,7 @@
 use super::*;
+use motion::limits::Stated;
+use motion::{Heading, Waypoint};
+use protocol::message::GoalKind;
 use robot::Shape;
 use std::error::Error;
 

@@ -31,12 +31,14 @@
 //! Bounds with a negative multiplier are dropped, and slacks whose penalty is exceeded become free,
 //! until none is left. From there on, the method goes on as above.
 
+mod bound;
 mod orthogonal;
 mod resume;
 
 use super::qp::{INPUT, QuadraticProgram};
 use super::riccati::{Riccati, Trajectory};
 use super::solver::{Outcome, Status, Turn};
+use bound::{Bound, Slack, entry_of_slack};
 use nalgebra::DVector;
 use orthogonal::{DEPENDENT, Orthogonal};
 
@@ -48,24 +50,6 @@ const RELEASE: f64 = 1e-12;
 /// Largest number of bounds that are added or dropped, in multiples of the number of unknowns and
 /// bounds.
 const STEPS_MOST: usize = 2;
-
-/// A bound that can be active.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Bound {
-    /// A row, from above (0) or from below (1).
-    Row(usize, usize),
-    /// s ≥ 0 of a slack.
-    Slack(usize),
-}
-
-/// A slack's state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Slack {
-    /// At zero from the start.
-    Held,
-    /// It has this entry of v.
-    Free(usize),
-}
 
 /// The owner of a multiplier that became zero.
 #[derive(Debug, Clone, Copy)]
@@ -419,29 +403,6 @@ impl ActiveSet {
         }
         self.normals.add_row(entry, &mut self.release);
     }
-}
-
-impl Bound {
-    /// Its distance where everything is zero.
-    fn room(self, program: &QuadraticProgram) -> f64 {
-        match self {
-            Self::Row(row, side) => program.rows[row].bounds[side],
-            Self::Slack(_) => 0.0,
-        }
-    }
-
-    /// The slack that it refers to, if there is one.
-    fn slack(self, program: &QuadraticProgram) -> Option<usize> {
-        match self {
-            Self::Row(row, _) => program.rows[row].slack,
-            Self::Slack(slack) => Some(slack),
-        }
-    }
-}
-
-/// Entry of J for a slack: the factor from its entry of v to the slack.
-fn entry_of_slack(program: &QuadraticProgram) -> f64 {
-    1.0 / program.penalties.slack_curvature.sqrt()
 }
 
 /// Largest number of steps for programs of the shape of `program`.
