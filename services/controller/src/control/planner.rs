@@ -286,7 +286,7 @@ impl Planner {
 
     /// Input that brakes to standstill, as fast as inputs may change.
     pub(super) fn braking(&self, knowledge: &Knowledge) -> Velocity {
-        self.mpc.limits().reach(&[0.0; AXES], &knowledge.last_command())
+        self.mpc.limits().brake(&knowledge.last_command())
     }
 }
 

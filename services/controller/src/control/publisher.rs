@@ -70,15 +70,16 @@ impl Publisher {
         // brakes. A robot that brakes continues to brake.
         let planned =
             matches!(fallback_level, FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan);
-        let held = if fallback_level == FallbackLevel::Brake { [0.0; AXES] } else { input };
+        let brakes = fallback_level == FallbackLevel::Brake;
         let (mut before, mut next) = (input, mpc.stages().iter().skip(1));
         command.tail = [[0.0; AXES]; TAIL_MAX];
         command.tail_len = TAIL_MAX as u32;
         for slot in &mut command.tail {
             let desired =
-                if planned { next.next().map_or(before, |stage| stage.input) } else { held };
+                if planned { next.next().map_or(before, |stage| stage.input) } else { input };
             // Beyond the free inputs the target may jump with the reference; the wheels cannot.
-            before = mpc.limits().reach(&desired, &before);
+            let limits = mpc.limits();
+            before = if brakes { limits.brake(&before) } else { limits.reach(&desired, &before) };
             *slot = before;
         }
     }

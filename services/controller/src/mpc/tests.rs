@@ -408,6 +408,7 @@ fn plans_and_fallbacks_keep_to_the_ramp_of_a_drive() -> Result<(), MpcError> {
     let main = MainModel::new(&robot, 0.1);
     let belief = Belief::of(&main);
     let mut mpc = Mpc::new(&settings(), &robot, &main)?;
+    let without = Mpc::new(&settings(), &robot, &main)?;
     mpc.keep_to_ramp(Some(rim));
     let largest = |from: &Velocity, to: &Velocity| {
         let change: Velocity = std::array::from_fn(|axis| to[axis] - from[axis]);
@@ -429,8 +430,10 @@ fn plans_and_fallbacks_keep_to_the_ramp_of_a_drive() -> Result<(), MpcError> {
             before = planned;
         }
         reached += usize::from(mpc.reached_limit() == Some(RobotLimit::Ramp));
-        let braked = mpc.limits().reach(&[0.0; 3], &input);
-        assert!(largest(&input, &braked) < 1.001 * rim);
+        let slower = mpc.limits().reach(&[0.0; 3], &input);
+        assert!(largest(&input, &slower) < 1.001 * rim);
+        // A robot in danger does not brake more slowly because of what was identified.
+        assert_eq!(mpc.limits().brake(&input), without.limits().reach(&[0.0; 3], &input));
         input = mpc.stages()[0].input;
         state = belief.predict(&state, &input);
     }

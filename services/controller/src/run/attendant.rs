@@ -85,7 +85,7 @@ fn write_events(handover: &Handover) {
             }
             Event::Ramp { tick, rate_mps2: Some(rate) } => tracing::info!(
                 tick,
-                "the drive ramps its commands: plans change the rim speeds by {rate:.2} m/s2 at most"
+                "the drive ramps its commands: plans change rim speeds by {rate:.2} m/s2 at most"
             ),
             Event::Ramp { tick, rate_mps2: None } => {
                 tracing::info!(tick, "the drive does not ramp its commands any more");

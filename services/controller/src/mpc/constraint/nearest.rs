@@ -36,12 +36,24 @@ impl Limits {
     /// direction, if the drive ramps its command.
     pub fn reach(&self, desired: &Velocity, last: &Velocity) -> Velocity {
         let (desired, last) = (self.clamp(desired), self.clamp(last));
-        let Some(change) = self.inputs.change else { return desired };
         if self.ramp.is_some() {
             let by: Velocity = std::array::from_fn(|axis| desired[axis] - last[axis]);
             let load = self.changes.iter().map(|row| dot(row, &by).abs()).fold(1.0, f64::max);
             return std::array::from_fn(|axis| last[axis] + by[axis] / load);
         }
+        self.near(&desired, &last)
+    }
+
+    /// The input after `last` of a robot that brakes, as fast as inputs may change. The ramp of the
+    /// drive does not count: a drive that has one brakes with it anyway, and no robot brakes more
+    /// slowly because of an error in what was identified.
+    pub fn brake(&self, last: &Velocity) -> Velocity {
+        self.near(&[0.0; 3], &self.clamp(last))
+    }
+
+    /// The nearest input to `desired` within the largest change of each axis from `last`.
+    fn near(&self, desired: &Velocity, last: &Velocity) -> Velocity {
+        let Some(change) = self.inputs.change else { return *desired };
         let near: Velocity = std::array::from_fn(|axis| {
             desired[axis].clamp(last[axis] - change[axis], last[axis] + change[axis])
         });
