@@ -118,6 +118,7 @@ pub(super) fn changes_at(truth: Option<&Truth>) -> Option<u64> {
         .chain(truth.push.iter().map(|push| push.from_s));
     let first = times
         .chain(truth.faults.iter().map(|fault| fault.at_s))
+        .chain(truth.slippery.iter().map(|slippery| slippery.from_s))
         .map(|at_s| (at_s * 1e9) as u64)
         .filter(|&at| at > START_NANOS);
     first.min()
@@ -254,5 +255,8 @@ mod tests {
         let changes =
             |at_s| changes_at(Some(&Truth { payload: Some(payload(at_s)), ..Truth::default() }));
         assert_eq!((changes(0.0), changes(15.0)), (None, Some(15_000_000_000)));
+        let slippery = plant_sim::truth::Slippery { grip_factor: 0.5, from_s: 15.0, until_s: None };
+        let floor = Truth { slippery: vec![slippery], ..Truth::default() };
+        assert_eq!(changes_at(Some(&floor)), Some(15_000_000_000));
     }
 }
