@@ -14,11 +14,16 @@
 //! values of the main model, and runs for several δ in parallel:
 //!
 //! ```text
-//! K = P φ / (μ + φᵀ P φ)   w ← w + K e   P ← (P − K φᵀ P)/μ     φ = (v, u_δ, 1),  e = v⁺ − wᵀ φ
+//! K = P φ / (μ/q + φᵀ P φ)   w ← w + K e   P ← (P − K φᵀ P)/μ   φ = (v, u_δ, 1),  e = v⁺ − wᵀ φ
+//! q = (s₀/s)², at most 1     s: largest difference of the velocities of body and wheels
 //! ```
 //! with a forgetting factor μ. During standstill, forgetting would let P grow without end, so it
 //! stops at the initial P. When the errors have grown for a while, the robot or its world has
 //! changed. Then P grows at once, so that the samples before the change count little.
+//!
+//! The force of a wheel that slides hardly depends on its input. So a sample counts with the weight
+//! q: it counts less, the more the velocity of the body differs from that of the wheels, at the
+//! begin or the end of the period.
 //!
 //! The δ with the smallest errors is selected. A soft speed loop shows in A and B, a dead time in
 //! δ. Each has its own parameter, so the estimator does not confuse them. Noise of the velocity can
@@ -62,6 +67,9 @@ const EVIDENCE: f64 = 1e-3;
 /// Periods before the first selection. Three unknowns per axis fit a few samples with any dead
 /// time.
 const PERIODS_LEAST: u32 = 10;
+
+/// s₀: slip from which on a sample counts less \[m/s\].
+const SLIDES_MPS: f64 = 0.12;
 
 /// Largest A that is used: a robot that never responds cannot be controlled with it.
 const DECAY_MAX: f64 = 0.995;
@@ -255,7 +263,8 @@ impl ResponseEstimator {
         };
         let sent = *self.ramped(commands);
         self.taken = self.taken.saturating_add(1);
-        let period = self.period(before, *after);
+        let mut period = self.period(before, *after);
+        period.weight = self.weight([(&before, wheels_before.as_ref()), (after, wheels)]);
         let mut believed_errors = [0.0; AXES];
         for (index, hypothesis) in self.hypotheses.iter_mut().enumerate() {
             let frame = hypothesis.frame();
@@ -288,7 +297,21 @@ impl ResponseEstimator {
             forgetting: self.forgetting,
             scale: self.scale,
             kept: self.kept,
+            weight: 1.0,
         }
+    }
+
+    /// q of a period, from the velocities of body and wheels at both of its ends. It is 1 if the
+    /// wheels are not measured, or do not follow the commands.
+    fn weight(&self, ends: [(&Velocity, Option<&Velocity>); 2]) -> f64 {
+        if !self.by_wheels.follow_commands() {
+            return 1.0;
+        }
+        let measured = ends.into_iter().filter_map(|(body, wheels)| Some((body, wheels?)));
+        let slips = measured.flat_map(|(body, wheels)| {
+            (0..AXES).map(|axis| self.scale[axis] * (wheels[axis] - body[axis]).abs())
+        });
+        (SLIDES_MPS / slips.fold(SLIDES_MPS, f64::max)).powi(2)
     }
 
     /// The wheels begin here.

@@ -28,6 +28,8 @@ pub(super) struct Period {
     pub(super) scale: Velocity,
     /// e^{−T/τ} of a response that follows.
     pub(super) kept: f64,
+    /// Weight of its errors; 1 if no wheel slides.
+    pub(super) weight: f64,
 }
 
 impl Period {
@@ -43,7 +45,7 @@ impl Period {
             for (error, scale) in errors.iter().zip(self.scale) {
                 squared += (scale * error).powi(2);
             }
-            *cost = self.forgetting * *cost + squared;
+            *cost = self.forgetting * *cost + self.weight * squared;
         }
     }
 }
@@ -78,7 +80,8 @@ impl Hypothesis {
         let mut errors = [[0.0; AXES]; FRAMES];
         for axis in 0..AXES {
             let features = [period.before[axis], acted[axis], 1.0];
-            let of = self.fits[axis].update(&features, &period.targets(axis), period.forgetting);
+            let Period { forgetting, weight, .. } = *period;
+            let of = self.fits[axis].update(&features, &period.targets(axis), forgetting, weight);
             for (errors, error) in errors.iter_mut().zip(of) {
                 errors[axis] = error;
             }

@@ -36,15 +36,17 @@ impl Fit {
         Self { weights: [[decay, gain, 0.0]; FRAMES], covariance }
     }
 
-    /// Updates the weights with a sample; returns the errors of the previous weights.
+    /// Updates A, B and c with a sample that counts with the weight `certainty`. Returns the errors
+    /// of the previous ones.
     pub(super) fn update(
         &mut self,
         features: &[f64; 3],
         targets: &[f64; FRAMES],
         forgetting: f64,
+        certainty: f64,
     ) -> [f64; FRAMES] {
         let direction = self.covariance.map(|row| dot(&row, features));
-        let scale = forgetting + dot(features, &direction);
+        let scale = forgetting / certainty + dot(features, &direction);
         let mut errors = *targets;
         for (error, weights) in errors.iter_mut().zip(&mut self.weights) {
             *error -= dot(weights, features);

@@ -266,6 +266,36 @@ fn wheels_that_stand_still_and_wheels_that_are_not_finite_change_nothing() {
     }
 }
 
+/// Response of a robot whose wheels follow commands with `truth`, and lose the floor in one of four
+/// periods: the body keeps its velocity then.
+fn found_on_boards(truth: [FirstOrder; AXES], with_wheels: bool) -> ResponseEstimator {
+    let main = MainModel::new(&Robot::example(), 0.02);
+    let (mut sent, mut wheels, mut body) = (Sent::default(), [0.0; AXES], [0.0; AXES]);
+    let mut estimator = ResponseEstimator::new(&main, &Robot::example().wheels);
+    for k in 0..1_000_u32 {
+        sent.push(std::array::from_fn(|axis| {
+            0.8 * (0.31 * f64::from(k + 7 * axis as u32)).sin() + 0.3 * (1.3 * f64::from(k)).cos()
+        }));
+        wheels = std::array::from_fn(|axis| {
+            let FirstOrder { decay, gain, offset } = truth[axis];
+            decay * wheels[axis] + gain * sent.last()[axis] + offset
+        });
+        if k % 20 >= 5 {
+            body = wheels;
+        }
+        estimator.update(&sent, &body, with_wheels.then_some(&wheels));
+    }
+    estimator
+}
+
+#[test]
+fn wheels_that_lose_the_floor_hardly_change_the_response() {
+    let truth = soft(0.7);
+    let [with, without] =
+        [true, false].map(|with_wheels| differs(&found_on_boards(truth, with_wheels), truth));
+    assert!(with < 0.15 && without > 1.5 * with, "{with}, {without} without wheels");
+}
+
 /// Response of drives that change the rim speeds of their set points by at most `rate` \[m/s²\], to
 /// a course with jumps, as on a square. The speed loop of each wheel has the poles `poles`.
 fn found_ramped(rate: f64, poles: [f64; 2], periods: f64) -> ResponseEstimator {

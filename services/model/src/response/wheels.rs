@@ -38,6 +38,11 @@ impl ByWheels {
         Errors::least(&self.followers)
     }
 
+    /// Whether the wheels follow the commands. Those that do not are not measured correctly.
+    pub(super) fn follow_commands(&self) -> bool {
+        self.taken >= PERIODS_LEAST && self.followers[self.proposed].hypothesis.believable()
+    }
+
     /// The next period begins with `wheels`.
     pub(super) fn resume(&mut self, wheels: &Velocity) {
         self.followers.iter_mut().for_each(|follower| follower.resume(wheels));
