@@ -40,9 +40,12 @@ pub const STANDS: f64 = 1e-3;
 /// Far longer than it takes to open a pseudo-terminal.
 const OPENS_WITHIN: Duration = Duration::from_mins(2);
 
-/// The simulated firmware, which is killed with this value.
+/// The simulated firmware, which is killed with this value, and whose port vanishes with it.
 #[derive(Debug)]
-pub struct Firmware(Child);
+pub struct Firmware {
+    child: Child,
+    port: PathBuf,
+}
 
 impl Firmware {
     /// Starts the program in the folder `programs`, with its port and table in `home`, and waits
@@ -55,9 +58,9 @@ impl Firmware {
         let _ = fs::remove_file(&port);
         let mut command = Command::new(programs.join(PROGRAM));
         command.arg("--link").arg(&port).arg("--record").arg(home.join(TABLE)).args(options);
-        let this = Self(command.stdin(Stdio::null()).spawn()?);
+        let this = Self { child: command.stdin(Stdio::null()).spawn()?, port };
         let begin = Instant::now();
-        while !port.exists() {
+        while !this.port.exists() {
             if begin.elapsed() > OPENS_WITHIN {
                 return Err(io::Error::new(io::ErrorKind::TimedOut, "the firmware has no port"));
             }
@@ -69,8 +72,11 @@ impl Firmware {
 
 impl Drop for Firmware {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        // The system gives the terminal of a dead firmware to the next one that is started. A link
+        // that was left would lead the driver to the robot of another run.
+        let _ = fs::remove_file(&self.port);
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 

@@ -47,8 +47,9 @@ struct Arguments {
 
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let terminal = Terminal::open(&arguments.link)?;
+    // Before the link: the table exists as soon as the port does.
     let mut record = arguments.record.as_deref().map(Record::create).transpose()?;
+    let terminal = Terminal::open(&arguments.link)?;
     let mut firmware = Firmware::new(&arguments.noise);
     for step in 0.. {
         let now = nanos();
