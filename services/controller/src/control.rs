@@ -283,7 +283,7 @@ impl Controller {
             }
             self.guard.watch_period(state, &mut self.planner, &self.knowledge);
             self.knowledge.write_sample(&before, &mut sample);
-            sample.usable = u32::from(ours);
+            sample.usable = u32::from(ours && !self.guard.slides());
         } else if seen {
             // An input that is not finite is replaced by the last command: the best estimate.
             let known = if input_known { state.input } else { self.knowledge.last_command() };

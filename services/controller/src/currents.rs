@@ -74,8 +74,9 @@ impl Currents {
     }
 
     /// Processes one period: the predicted currents, and the currents `measured` at its end \[A\].
-    /// `measured` is empty for a driver without current measurement.
-    pub fn look(&mut self, foretold: &Foretold, measured: &[f64]) {
+    /// `measured` is empty for a driver without current measurement. `grip` is the share of the
+    /// limit that the floor can hold; a motor that carries it is at its limit.
+    pub fn look(&mut self, foretold: &Foretold, measured: &[f64], grip: f64) {
         let wheels = self.wheels.iter_mut().zip(measured).enumerate();
         for (index, (wheel, amps)) in wheels.filter(|(_, (_, amps))| amps.is_finite()) {
             let carries = amps.abs() / self.limit_a;
@@ -84,7 +85,7 @@ impl Currents {
                 foretold.start[index].abs() >= BINDS && end >= TELLS && carries < CONTRADICTS * end;
             wheel.carried += self.fading * (carries - wheel.carried);
             wheel.contradicts += self.fading * (f64::from(contradicts) - wheel.contradicts);
-            if carries >= BINDS || (end >= TELLS && carries >= AGREES * end) {
+            if carries >= BINDS * grip || (end >= TELLS && carries >= AGREES * end) {
                 *wheel = Watched { carried: wheel.carried, ..Watched::default() };
             }
             wheel.dropped |= wheel.contradicts > OFTEN;
@@ -123,7 +124,7 @@ mod tests {
             .collect();
         let mut currents = Currents::new(&robot, 0.02);
         for _ in 0..(seconds / 0.02) as usize {
-            currents.look(&Foretold { start, end: start.map(|share| 0.67 * share) }, &amps);
+            currents.look(&Foretold { start, end: start.map(|share| 0.67 * share) }, &amps, 1.0);
         }
         currents
     }
@@ -151,16 +152,26 @@ mod tests {
     fn a_dropped_row_is_back_as_soon_as_the_motor_is_at_its_limit() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
         let limit = Robot::example().current_limit_a().unwrap_or_default();
-        currents.look(&Foretold::default(), &[-limit; 4]);
+        currents.look(&Foretold::default(), &[-limit; 4], 1.0);
         assert_eq!(currents.dropped(), [false; WHEELS_MAX]);
         assert_eq!(currents.contradicted(), None);
+    }
+
+    #[test]
+    fn a_dropped_row_is_back_as_soon_as_the_motor_carries_what_the_floor_holds() {
+        let mut currents = watched(1.0, FULL, &[0.33; 4]);
+        let limit = Robot::example().current_limit_a().unwrap_or_default();
+        currents.look(&Foretold::default(), &[0.33 * limit; 4], 1.0);
+        assert_eq!(currents.dropped(), FIRST);
+        currents.look(&Foretold::default(), &[0.33 * limit; 4], 0.33);
+        assert_eq!(currents.dropped(), [false; WHEELS_MAX]);
     }
 
     #[test]
     fn a_current_that_is_not_finite_is_ignored() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
         let before = currents.contradicted();
-        currents.look(&Foretold { start: FULL, end: FULL }, &[f64::NAN; 4]);
+        currents.look(&Foretold { start: FULL, end: FULL }, &[f64::NAN; 4], 1.0);
         assert_eq!(currents.contradicted(), before);
     }
 

@@ -254,6 +254,11 @@ impl Knowledge {
         self.wheels.count()
     }
 
+    /// Whether the measured wheels follow the commands.
+    pub fn wheels_follow(&self) -> bool {
+        self.response.wheels_follow()
+    }
+
     /// What was measured at one moment. `wheel_speed` is that of all wheels of the robot, if it was
     /// measured \[rad/s\].
     pub fn measured(

@@ -27,6 +27,7 @@ pub mod currents;
 pub mod explanations;
 pub mod fallback;
 pub mod goal;
+pub mod grip;
 pub mod identified;
 pub mod knowledge;
 pub mod loop_judge;

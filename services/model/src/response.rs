@@ -239,6 +239,12 @@ impl ResponseEstimator {
         self.ramps.rate()
     }
 
+    /// Whether the measured wheels follow the commands. Those that do not, as encoders that stand
+    /// still, say nothing.
+    pub fn wheels_follow(&self) -> bool {
+        self.wheels_before.is_some() && self.by_wheels.follow_commands()
+    }
+
     /// The inputs that acted without dead time, for these commands: a drive with a ramp follows
     /// them late.
     pub fn ramped<'a>(&'a self, commands: &'a Sent) -> &'a Sent {

@@ -5,6 +5,7 @@ use super::planner::Planner;
 use crate::adopt::{Event, Handover};
 use crate::currents::{Contradicted, Currents, Foretold};
 use crate::fallback::FallbackChoice;
+use crate::grip::Grip;
 use crate::knowledge::Knowledge;
 use crate::loop_judge::{LoopJudge, Passed};
 use crate::mpc::Mpc;
@@ -26,6 +27,7 @@ pub(super) struct Guard {
     /// Judges whether the plans hold the robot; `None` for a controller that uses plans alone.
     loop_judge: Option<LoopJudge>,
     currents: Currents,
+    grip: Grip,
     /// Motor currents that the last plans predicted, newest first.
     foretold: [Foretold; DELAY_MAX + 1],
 }
@@ -45,6 +47,7 @@ impl Guard {
             tracking: TrackingJudge::new(robot),
             loop_judge: judged.then(|| LoopJudge::new(period, robot.wheels.lever_m(), largest)),
             currents: Currents::new(robot, period),
+            grip: Grip::new(robot, period),
             foretold: [Foretold::default(); DELAY_MAX + 1],
         }
     }
@@ -53,6 +56,7 @@ impl Guard {
     pub(super) fn reset(&mut self) {
         self.choice.reset();
         self.currents.reset();
+        self.grip.reset();
         self.foretold = [Foretold::default(); DELAY_MAX + 1];
         self.approach_reference();
     }
@@ -90,8 +94,10 @@ impl Guard {
     ) {
         let by_plans =
             matches!(state.fallback_level(), FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan);
+        self.watch_floor(state, planner, knowledge);
         if by_plans {
-            self.currents.look(&self.foretold[knowledge.delay().whole()], state.current());
+            let foretold = &self.foretold[knowledge.delay().whole()];
+            self.currents.look(foretold, state.current(), self.grip.held());
             planner.drop_current_rows(self.currents.dropped());
         }
         let Some(judge) = &mut self.loop_judge else { return };
@@ -117,6 +123,21 @@ impl Guard {
             }
             _ => judge.pass_over(&believed.pose),
         }
+    }
+
+    /// Compares the wheels with the floor. Plans keep to its grip.
+    fn watch_floor(&mut self, state: &PlantState, planner: &mut Planner, knowledge: &Knowledge) {
+        if knowledge.wheels_follow() {
+            self.grip.look(&state.wheel_speed, state.current(), &state.velocity);
+        } else {
+            self.grip.reset();
+        }
+        planner.keep_to_grip(self.grip.bound());
+    }
+
+    /// Whether the body slides on the floor.
+    pub(super) fn slides(&self) -> bool {
+        self.grip.slides()
     }
 
     /// Keeps the motor currents that the chosen plan predicts, to compare them with measurements.

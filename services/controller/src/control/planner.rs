@@ -78,6 +78,11 @@ impl Planner {
         self.mpc.drop_current_rows(wheels);
     }
 
+    /// From now on plans keep to a floor that can hold this share of the limit on currents.
+    pub(super) fn keep_to_grip(&mut self, grip: f64) {
+        self.mpc.keep_to_grip(grip);
+    }
+
     /// Forgets everything: the next plan begins at the next state.
     pub(super) fn reset(&mut self) {
         self.mpc.reset();

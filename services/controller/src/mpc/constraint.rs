@@ -46,7 +46,8 @@ enum Kind {
     Input(usize),
     /// Change of u in one period, per axis; of J u, per wheel, if the drive ramps its command.
     Change(usize),
-    /// |`k_p` J (u − v + (g + d)/(1 − A))/r|/`i_max` of one wheel; soft.
+    /// |`k_p` J (u − v + (g + d)/(1 − A))/r| of one wheel, over the share of `i_max` that plans use;
+    /// soft.
     Current(usize),
     /// |θ|/`θ_max`; soft.
     Heading,
@@ -72,6 +73,10 @@ pub struct Limits {
     main: MainModel,
     /// Wheels whose current rows are dropped.
     dropped: [bool; WHEELS_MAX],
+    /// Share of the limit on currents that plans use.
+    current_share: f64,
+    /// Rows of the currents: those of the robot's limit, over that share.
+    current: [Velocity; WHEELS_MAX],
     /// Rows of the largest change of u in one period, each at most 1 either way.
     changes: [Velocity; WHEELS_MAX],
     /// Largest change of the rim speeds in one period, if the drive ramps its command \[m/s\].
@@ -100,6 +105,8 @@ impl Limits {
             horizon,
             main: *main,
             dropped: [false; WHEELS_MAX],
+            current_share: 1.0,
+            current: inputs.current.unwrap_or_default(),
             changes: inputs.changes(None),
             ramp: None,
             around: None,
@@ -147,6 +154,30 @@ impl Limits {
         self.dropped
     }
 
+    /// From now on plans keep to a floor that can hold this share of the limit on currents, in the
+    /// mean over a period. The rows bound the current at its start, from where it decays with the
+    /// main model. Returns whether that is new.
+    pub(super) fn keep_to_grip(&mut self, grip: f64) -> bool {
+        let mean = 1.0 - self.main.end_share[0] * (1.0 - self.main.decay[0]);
+        self.use_current_share((grip / mean).min(1.0))
+    }
+
+    /// From now on plans use this share of the limit on currents. Returns whether that is new.
+    pub(super) fn use_current_share(&mut self, share: f64) -> bool {
+        let is_new = self.current_share != share;
+        if is_new {
+            let rows = self.inputs.current.unwrap_or_default();
+            self.current = rows.map(|row| row.map(|value| value / share));
+            self.current_share = share;
+        }
+        is_new
+    }
+
+    /// Share of the limit on currents that plans use.
+    pub(crate) fn current_share(&self) -> f64 {
+        self.current_share
+    }
+
     /// From now on plans keep to a drive that changes the rim speeds of its set points by no more
     /// than this in a period, if there is such a bound \[m/s\]. Returns whether that is new.
     pub(super) fn keep_to_ramp(&mut self, rim: Option<f64>) -> bool {
@@ -184,9 +215,11 @@ impl Limits {
         let change: Velocity = std::array::from_fn(|axis| first.input[axis] - last_input[axis]);
         let is_ramped =
             |change: &Velocity| self.changes.iter().any(|row| dot(row, change).abs() >= REACHES);
-        let is_full = |wheel: usize| !self.dropped[wheel] && currents[wheel].abs() >= REACHES;
+        let full = REACHES * self.current_share;
+        let is_full = |wheel: usize| !self.dropped[wheel] && currents[wheel].abs() >= full;
         if (0..*wheels).any(is_full) {
-            Some(RobotLimit::MotorCurrent)
+            let is_floor = self.current_share < 1.0;
+            Some(if is_floor { RobotLimit::Grip } else { RobotLimit::MotorCurrent })
         } else if self.ramp.is_some() && is_ramped(&change) {
             Some(RobotLimit::Ramp)
         } else if wheel.iter().any(|row| dot(row, &first.input).abs() >= REACHES) {
@@ -212,7 +245,6 @@ impl Limits {
     /// Moves the plan's states by `moves`, with unchanged inputs. The accelerations that the main
     /// model does not explain stay unchanged too. Does not allocate.
     pub(super) fn displace(&self, moves: &[Vector], program: &mut QuadraticProgram) {
-        let current = self.inputs.current.unwrap_or_default();
         for (row, &(kind, period)) in program.rows.iter_mut().zip(&self.kinds) {
             let (Kind::Current(wheel), Some([before, after, ..])) = (kind, moves.get(period..))
             else {
@@ -225,7 +257,7 @@ impl Limits {
                 let (decay, of) = (self.main.decay[axis], VELOCITY + axis);
                 (after[of] - decay * before[of]) / (1.0 - decay)
             });
-            let moved = dot(&current[wheel], &unmodelled);
+            let moved = dot(&self.current[wheel], &unmodelled);
             row.bounds[0] -= moved;
             row.bounds[1] += moved;
         }
@@ -308,8 +340,7 @@ impl Limits {
     /// Writes every row about the present plan. Does not allocate.
     pub(super) fn write(&self, plan: &PresentPlan<'_>, program: &mut QuadraticProgram) {
         let PresentPlan { stages, last_input, .. } = *plan;
-        let InputLimits { wheel: of_wheel, current, input: largest, .. } = &self.inputs;
-        let current = current.unwrap_or_default();
+        let InputLimits { wheel: of_wheel, input: largest, .. } = &self.inputs;
         let around = self.around.as_ref();
         let mut approaches =
             around.map_or_else(Default::default, |around| around.approaches(plan.state(0)));
@@ -333,7 +364,7 @@ impl Limits {
                     0.0
                 }
                 Kind::Current(wheel) => {
-                    let coefficients = current[wheel];
+                    let coefficients = self.current[wheel];
                     on_input(row, &coefficients, &stage.input)
                         + on_state(row, &coefficients.map(|value| -value), &stage.state.velocity)
                         + dot(&coefficients, &self.unmodelled(&stage.state.velocity, after))

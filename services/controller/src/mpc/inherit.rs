@@ -24,6 +24,7 @@ impl Mpc {
         self.terminal =
             before.stages.get(self.horizon).map_or(before.terminal, |stage| stage.state);
         self.limits.drop_current_rows(before.limits.dropped());
+        self.limits.use_current_share(before.limits.current_share());
         self.limits.keep_to_ramp(before.limits.ramp());
         (self.target_disturbance, self.turn) = (before.target_disturbance, before.turn);
     }

@@ -20,6 +20,13 @@ impl Mpc {
         }
     }
 
+    /// From now on plans keep to a floor that can hold this share of the limit on currents.
+    pub fn keep_to_grip(&mut self, grip: f64) {
+        if self.limits.keep_to_grip(grip) {
+            self.expectation = None;
+        }
+    }
+
     /// From now on plans keep to a drive that changes the rim speeds of its set points by no more
     /// than this in a period, if there is such a bound \[m/s\].
     pub fn keep_to_ramp(&mut self, rim: Option<f64>) {
@@ -61,3 +68,6 @@ impl Mpc {
         self.held_by_obstacle
     }
 }
+
+#[cfg(test)]
+mod tests;

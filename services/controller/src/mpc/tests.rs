@@ -1,11 +1,10 @@
-use super::constraint::RobotLimit;
 use super::*;
 use crate::settings::{
     DelaySetting, Identify, Linearise, Method, Observers, SolverSetting, StateLimits, Weights,
 };
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
-use robot::{Drive, WHEELS_MAX};
+use robot::Drive;
 
 pub(crate) fn settings() -> MpcSettings {
     MpcSettings {
@@ -365,80 +364,5 @@ fn an_optimiser_at_its_deadline_stops_and_the_next_answer_is_unaffected() -> Res
         }
         assert_eq!(stopped.stages()[0].input, other.stages()[0].input, "{solver:?}");
     }
-    Ok(())
-}
-
-/// A plan that begins with a jump of 1 m, and the largest motor current that it predicts.
-fn most_foretold(mpc: &mut Mpc, belief: &Belief<'_>) -> f64 {
-    let reference = circle(0, 7);
-    mpc.reset();
-    for _ in 0..3 {
-        mpc.prepare(&reference, belief);
-        let begin = State { pose: [-1.0, 0.0, 0.0], ..State::default() };
-        let _solved = mpc.iterate(&begin, &[0.0; 3], &reference, belief);
-    }
-    mpc.foretold_currents().start.into_iter().fold(0.0, |most, share| share.abs().max(most))
-}
-
-#[test]
-fn a_dropped_row_is_inactive_and_a_restored_row_is_active() -> Result<(), MpcError> {
-    let mut robot = Robot::example();
-    robot.drive = robot.drive.map(|drive| Drive { current_limit_a: 2.0, ..drive });
-    let main = MainModel::new(&robot, 0.1);
-    let belief = Belief::of(&main);
-    let mut mpc = Mpc::new(&settings(), &robot, &main)?;
-    let bound = most_foretold(&mut mpc, &belief);
-    assert!((0.9..1.1).contains(&bound), "{bound}");
-    mpc.drop_current_rows([true; WHEELS_MAX]);
-    let free = most_foretold(&mut mpc, &belief);
-    assert!(free > 1.5, "{free}");
-    // An optimiser that inherits a plan keeps the dropped rows.
-    let mut heir = Mpc::new(&settings(), &robot, &main)?;
-    heir.inherit(&mpc);
-    assert!(most_foretold(&mut heir, &belief) > 1.5);
-    mpc.drop_current_rows([false; WHEELS_MAX]);
-    let bound = most_foretold(&mut mpc, &belief);
-    assert!((0.9..1.1).contains(&bound), "{bound}");
-    Ok(())
-}
-
-#[test]
-fn plans_and_fallbacks_keep_to_the_ramp_of_a_drive() -> Result<(), MpcError> {
-    let (robot, rim) = (Robot::example(), 0.12);
-    let main = MainModel::new(&robot, 0.1);
-    let belief = Belief::of(&main);
-    let mut mpc = Mpc::new(&settings(), &robot, &main)?;
-    let without = Mpc::new(&settings(), &robot, &main)?;
-    mpc.keep_to_ramp(Some(rim));
-    let largest = |from: &Velocity, to: &Velocity| {
-        let change: Velocity = std::array::from_fn(|axis| to[axis] - from[axis]);
-        let rims = robot.wheels.rows().iter().map(|row| (0..3).map(|i| row[i] * change[i]).sum());
-        rims.fold(0.0, |most: f64, rim: f64| most.max(rim.abs()))
-    };
-    // The robot rests, and the reference drives away.
-    let (mut state, mut input) = (State::default(), [0.0; 3]);
-    mpc.begin_at(&state);
-    let mut reached = 0;
-    for tick in 0..40 {
-        let reference = circle(tick, mpc.horizon() + 1);
-        mpc.prepare(&reference, &belief);
-        assert!(mpc.iterate(&state, &input, &reference, &belief).outcome.usable());
-        let inputs = mpc.stages().iter().take(mpc.blocks).map(|stage| stage.input);
-        let mut before = input;
-        for planned in inputs {
-            assert!(largest(&before, &planned) < 1.001 * rim, "{before:?} to {planned:?}");
-            before = planned;
-        }
-        reached += usize::from(mpc.reached_limit() == Some(RobotLimit::Ramp));
-        let slower = mpc.limits().reach(&[0.0; 3], &input);
-        assert!(largest(&input, &slower) < 1.001 * rim);
-        // A robot in danger does not brake more slowly because of what was identified.
-        assert_eq!(mpc.limits().brake(&input), without.limits().reach(&[0.0; 3], &input));
-        input = mpc.stages()[0].input;
-        state = belief.predict(&state, &input);
-    }
-    assert!(reached > 5, "{reached}");
-    mpc.keep_to_ramp(None);
-    assert!(largest(&[0.0; 3], &mpc.limits().reach(&[0.5, 0.0, 0.0], &[0.0; 3])) > 2.0 * rim);
     Ok(())
 }

@@ -73,6 +73,8 @@ impl InputLimits {
 pub enum RobotLimit {
     /// Current of a motor.
     MotorCurrent,
+    /// Grip of the floor.
+    Grip,
     /// Change of a wheel's set point, of a drive that ramps its command.
     Ramp,
     /// Speed of a wheel.
@@ -85,6 +87,7 @@ impl Display for RobotLimit {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::MotorCurrent => "the motor currents",
+            Self::Grip => "the grip of the floor",
             Self::Ramp => "the ramp of the drive",
             Self::WheelSpeed => "the wheel speeds",
             Self::Input => "the commanded velocity",
