@@ -24,8 +24,8 @@ message! {
         /// Velocity at the end of the period, measured minus predicted by the main model
         /// \[m/s, m/s, rad/s\].
         residual: [f64; 3],
-        /// 1 if the sample can be learnt from, 0 if the gate chose its input, the robot slides or no
-        /// period has passed.
+        /// 1 if the sample can be learnt from, 0 if the gate chose its input, the robot slides or
+        /// no period has passed.
         usable: u32 = flag,
         /// Always zero; not sent over the network.
         reserved: u32 = unused,

@@ -46,8 +46,8 @@ enum Kind {
     Input(usize),
     /// Change of u in one period, per axis; of J u, per wheel, if the drive ramps its command.
     Change(usize),
-    /// |`k_p` J (u − v + (g + d)/(1 − A))/r| of one wheel, over the share of `i_max` that plans use;
-    /// soft.
+    /// |`k_p` J (u − v + (g + d)/(1 − A))/r| of one wheel, over the share of `i_max` that plans
+    /// use; soft.
     Current(usize),
     /// |θ|/`θ_max`; soft.
     Heading,
