@@ -187,10 +187,23 @@ impl Curve {
         self.entry_length() + self.control.len().saturating_sub(3) as f64
     }
 
-    /// Length of the third derivative of the position on an entry; 0 behind it.
-    pub(crate) fn third_at(&self, parameter: f64) -> f64 {
-        let entry = self.entry.as_ref().filter(|entry| parameter < entry.length());
-        entry.map_or(0.0, |entry| entry.third_at(parameter))
+    /// Third derivatives: the length of that of the position on an entry, 0 behind it, and the size
+    /// of that of the heading.
+    pub(crate) fn third_at(&self, parameter: f64) -> [f64; 2] {
+        if let Some(entry) = self.entry.as_ref().filter(|entry| parameter < entry.length()) {
+            return entry.third_at(parameter);
+        }
+        let (span, _) = self.span(parameter - self.entry_length());
+        let yaw = self.control.get(span..span + 4).unwrap_or_default();
+        let third = yaw.iter().zip([-1.0, 3.0, -3.0, 1.0]).map(|(point, weight)| weight * point[2]);
+        [0.0, third.sum::<f64>().abs()]
+    }
+
+    /// The number of the span of the spline at `parameter`, and the place in it from 0 to 1.
+    fn span(&self, parameter: f64) -> (usize, f64) {
+        let last = self.control.len().saturating_sub(4);
+        let span = (parameter.max(0.0) as usize).min(last);
+        (span, parameter - span as f64)
     }
 
     /// The place at `parameter`, from 0 to [`end`](Self::end).
@@ -198,10 +211,7 @@ impl Curve {
         if let Some(entry) = self.entry.as_ref().filter(|entry| parameter < entry.length()) {
             return entry.at(parameter.max(0.0));
         }
-        let parameter = parameter - self.entry_length();
-        let last = self.control.len().saturating_sub(4);
-        let span = (parameter.max(0.0) as usize).min(last);
-        let t = parameter - span as f64;
+        let (span, t) = self.span(parameter - self.entry_length());
         let u = 1.0 - t;
         let value = [
             u * u * u / 6.0,

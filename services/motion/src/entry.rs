@@ -140,11 +140,14 @@ impl Entry {
         place
     }
 
-    /// Length of the third derivative of the position at `parameter`.
-    pub(crate) fn third_at(&self, parameter: f64) -> f64 {
+    /// Third derivatives at `parameter`: the length of that of the position, and the size of that
+    /// of the heading.
+    pub(crate) fn third_at(&self, parameter: f64) -> [f64; 2] {
         let t = parameter / self.length;
         let [.., c3, c4, c5] = &self.coefficients;
-        let third = |axis: usize| 6.0 * c3[axis] + t * (24.0 * c4[axis] + t * 60.0 * c5[axis]);
-        third(0).hypot(third(1)) / self.length.powi(3)
+        let third = |axis: usize| {
+            (6.0 * c3[axis] + t * (24.0 * c4[axis] + t * 60.0 * c5[axis])) / self.length.powi(3)
+        };
+        [third(0).hypot(third(1)), third(2).abs()]
     }
 }

@@ -20,6 +20,11 @@ const COARSE: usize = 3;
 const AS_GOOD_S: f64 = 0.2;
 /// Way beside those to the first point and to stop \[m\].
 const MARGIN_M: f64 = 0.3;
+/// Part of the limit of acceleration that a motion may use: between the places of the grid it can
+/// be some percent higher. A motion with more is refused.
+const ACCELERATION_USE_MAX: f64 = 1.2;
+/// Time between two moments at which this is checked \[s\].
+const CHECK_S: f64 = 0.01;
 /// Most samples of an entry.
 const SAMPLES_MAX: f64 = 500.0;
 
@@ -80,13 +85,23 @@ pub fn along_in_motion(
         .filter(|(.., duration_s)| *duration_s <= fastest_s + AS_GOOD_S)
         .find_map(|(end, entry, _)| {
             let joined = curve.joined(end, entry);
-            TimedCurve::new(joined, Some(&start), limits, &speed_at, GRID)
-        })?
-        .motion();
+            let timed = TimedCurve::new(joined, Some(&start), limits, &speed_at, GRID)?;
+            let motion = timed.motion();
+            keeps_to(&motion, limits).then_some(motion)
+        })?;
     let from_stop = along(stop.at(stop.duration_s()).pose, path, limits, speed_at);
     let is_faster =
         from_stop.is_ok_and(|path| motion.duration_s() > stop.duration_s() + path.duration_s());
     (!is_faster).then_some(motion)
+}
+
+/// Whether the accelerations of `motion` are within the limits.
+fn keeps_to(motion: &Motion, limits: &Limits) -> bool {
+    let moments = (motion.duration_s() / CHECK_S) as u32;
+    (0..=moments).all(|moment| {
+        let moment = motion.at(f64::from(moment) * CHECK_S);
+        limits.acceleration_use(&moment) < ACCELERATION_USE_MAX
+    })
 }
 
 #[cfg(test)]

@@ -8,7 +8,8 @@
 //!
 //! The motion is averaged over a time T, which limits the jerk along the path ([`TimeLaw`]). The
 //! mean would be faster than the slowest place allows, so each x is held for T/2 before and behind
-//! its place. The jerk across a path follows from its curve and is not limited.
+//! its place. The third derivative of the heading by its place is limited likewise, and on an entry
+//! that of the position. The jerk across the rest of a path follows from its curve and is not limited.
 
 use crate::curve::{Curve, Path, Place};
 use crate::entry::Begin;
@@ -285,8 +286,9 @@ impl Grid<'_> {
             .map(|(index, ((stage, place), by_limits))| {
                 let around = speeds_at.iter().skip(index / per_sample).take(2);
                 let slowest = around.copied().fold(f64::INFINITY, f64::min);
-                let jerk = curve.third_at(self.parameter(index));
-                let by_jerk = (limits.jerk_mps3 / jerk).powf(2.0 / 3.0);
+                let [third, yaw_third] = curve.third_at(self.parameter(index));
+                let steepest = (third / limits.jerk_mps3).max(yaw_third / limits.yaw_jerk_radps3);
+                let by_jerk = steepest.powf(-2.0 / 3.0);
                 let x_max = stage.steady().min(squared(slowest, place)).min(by_jerk);
                 // A higher one does not count.
                 if x_max < *by_limits { x_max } else { f64::INFINITY }
