@@ -5,15 +5,25 @@ use promises::{Outcome, binaries, repository, text_of};
 use serde_json::Value;
 use std::error::Error;
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
-/// The position RMSE of `controllers` in `scenarios` at 20 ms \[mm\], one row each.
+/// The rows of `controllers` in `scenarios` of the second world, at 20 ms.
 fn compared(scenarios: &str, controllers: &str) -> Result<Vec<Value>, Box<dyn Error>> {
+    compared_in(Path::new("mujoco"), "agile", scenarios, controllers)
+}
+
+fn compared_in(
+    world: &Path,
+    profile: &str,
+    scenarios: &str,
+    controllers: &str,
+) -> Result<Vec<Value>, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let rows = folder.path().join("rows.jsonl");
     let mut command = Command::new(binaries()?.join("coxswain"));
-    command.current_dir(repository()).args(["experiment", "compare", "--world", "mujoco"]);
-    command.args(["--profile", "agile", "--seeds", "1"]);
+    command.current_dir(repository()).args(["experiment", "compare", "--world"]).arg(world);
+    command.args(["--profile", profile, "--seeds", "1"]);
     command.args(["--scenarios", scenarios, "--controllers", controllers, "--json"]).arg(&rows);
     text_of(&mut command)?;
     fs::read_to_string(rows)?.lines().map(|line| Ok(serde_json::from_str(line)?)).collect()
@@ -60,5 +70,23 @@ fn the_same_seed_gives_the_same_figures_in_another_world() -> Outcome {
     let first = figures()?;
     assert!(first.iter().all(Value::is_number), "{first:?}");
     assert_eq!(first, figures()?);
+    Ok(())
+}
+
+/// Robots drawn at random. The tenth has a stiff loop: at the start of a period of 100 ms its
+/// motors saturate in every corner.
+#[test]
+fn a_robot_with_a_stiff_loop_takes_corners_as_fast_as_its_motors_can() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let world = folder.path().join("drawn");
+    let mut draw = Command::new("python3");
+    draw.arg(repository().join("deploy/worlds/mujoco/draw.py")).arg(&world);
+    let cells = text_of(draw.args(["--seed", "7", "--count", "10", "--cells", "1"]))?;
+    assert_eq!(cells.trim().split(',').count(), 10, "{cells}");
+    let case = "drawn-9+square+nominal";
+    let (simple, ours) = ("feedforward-p", "gpr-mpc+observer");
+    let rows = compared_in(&world, "paper", case, &format!("{simple},{ours}"))?;
+    let (simple, ours) = (rmse_mm(&rows, case, simple)?, rmse_mm(&rows, case, ours)?);
+    assert!(ours < 0.5 * simple, "{ours} mm, {simple} mm without plans");
     Ok(())
 }

@@ -23,12 +23,21 @@ const PERIODS_LEAST: f64 = 10.0;
 const OFTEN: f64 = 0.6;
 
 /// Motor currents that a plan predicts for one period, as shares of their limit.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foretold {
     /// At the start of the period; the rows bound these.
     pub start: PerWheel,
     /// At the end of the period, when currents are measured.
     pub end: PerWheel,
+    /// The bound of the rows, without the grip of the floor.
+    pub most: f64,
+}
+
+impl Default for Foretold {
+    /// Of no plan.
+    fn default() -> Self {
+        Self { start: PerWheel::default(), end: PerWheel::default(), most: 1.0 }
+    }
 }
 
 /// Rows that are dropped.
@@ -81,8 +90,8 @@ impl Currents {
         for (index, (wheel, amps)) in wheels.filter(|(_, (_, amps))| amps.is_finite()) {
             let carries = amps.abs() / self.limit_a;
             let end = foretold.end[index].abs().min(1.0);
-            let contradicts =
-                foretold.start[index].abs() >= BINDS && end >= TELLS && carries < CONTRADICTS * end;
+            let binds = foretold.start[index].abs() >= BINDS * foretold.most;
+            let contradicts = binds && end >= TELLS && carries < CONTRADICTS * end;
             wheel.carried += self.fading * (carries - wheel.carried);
             wheel.contradicts += self.fading * (f64::from(contradicts) - wheel.contradicts);
             if carries >= BINDS * grip || (end >= TELLS && carries >= AGREES * end) {
@@ -124,7 +133,8 @@ mod tests {
             .collect();
         let mut currents = Currents::new(&robot, 0.02);
         for _ in 0..(seconds / 0.02) as usize {
-            currents.look(&Foretold { start, end: start.map(|share| 0.67 * share) }, &amps, 1.0);
+            let end = start.map(|share| 0.67 * share);
+            currents.look(&Foretold { start, end, most: 1.0 }, &amps, 1.0);
         }
         currents
     }
@@ -145,6 +155,19 @@ mod tests {
         {
             let dropped = watched(5.0, foretold, shares).dropped();
             assert_eq!(dropped, [false; WHEELS_MAX], "{foretold:?} {shares:?}");
+        }
+    }
+
+    #[test]
+    fn a_row_whose_bound_is_higher_is_not_active_at_the_limit() {
+        let robot = Robot::example();
+        let amps = [0.33 * robot.current_limit_a().unwrap_or_default(); 4];
+        let mut currents = Currents::new(&robot, 0.1);
+        for (most, dropped) in [(1.8, [false; WHEELS_MAX]), (1.0, FIRST)] {
+            (0..50).for_each(|_| {
+                currents.look(&Foretold { start: FULL, end: FULL, most }, &amps, 1.0);
+            });
+            assert_eq!(currents.dropped(), dropped, "{most}");
         }
     }
 
@@ -171,7 +194,8 @@ mod tests {
     fn a_current_that_is_not_finite_is_ignored() {
         let mut currents = watched(1.0, FULL, &[0.33; 4]);
         let before = currents.contradicted();
-        currents.look(&Foretold { start: FULL, end: FULL }, &[f64::NAN; 4], 1.0);
+        let foretold = Foretold { start: FULL, end: FULL, most: 1.0 };
+        currents.look(&foretold, &[f64::NAN; 4], 1.0);
         assert_eq!(currents.contradicted(), before);
     }
 

@@ -56,7 +56,7 @@ pub struct CompareOptions {
     /// and trailing parts may be omitted. The default is all.
     #[arg(long, value_delimiter = ',')]
     pub scenarios: Vec<String>,
-    /// Compare in another world: the name of a folder in deploy/worlds, as mujoco.
+    /// Compare in another world: the name of a folder in deploy/worlds, as mujoco, or its path.
     #[arg(long, value_name = "NAME")]
     pub world: Option<String>,
     /// Variants that are added to every scenario, as noise.

@@ -10,6 +10,7 @@
 //!
 //! Tightening reduces the bounds on the state, at most until the two sides meet.
 
+mod current;
 mod inputs;
 mod nearest;
 
@@ -18,7 +19,6 @@ pub use inputs::{InputLimits, RobotLimit};
 use super::around::{ACTIVE_MAX, Around, CORNERS};
 use super::qp::{BEFORE, Penalties, QuadraticProgram, Row, Vector};
 use super::{PresentPlan, Stage};
-use crate::currents::Foretold;
 use crate::settings::StateLimits;
 use model::main_model::MainModel;
 use model::{State, Velocity};
@@ -73,8 +73,10 @@ pub struct Limits {
     main: MainModel,
     /// Wheels whose current rows are dropped.
     dropped: [bool; WHEELS_MAX],
-    /// Share of the limit on currents that plans use.
+    /// Share of the limit on currents that plans use at the start of a period, and its largest
+    /// value.
     current_share: f64,
+    current_share_max: f64,
     /// Rows of the currents: those of the robot's limit, over that share.
     current: [Velocity; WHEELS_MAX],
     /// Rows of the largest change of u in one period, each at most 1 either way.
@@ -97,6 +99,7 @@ impl Limits {
         blocks: usize,
         main: &MainModel,
     ) -> Self {
+        let current_share_max = current::share_max(main);
         let mut this = Self {
             inputs: *inputs,
             heading: state.heading_rad,
@@ -106,6 +109,7 @@ impl Limits {
             main: *main,
             dropped: [false; WHEELS_MAX],
             current_share: 1.0,
+            current_share_max,
             current: inputs.current.unwrap_or_default(),
             changes: inputs.changes(None),
             ramp: None,
@@ -113,6 +117,7 @@ impl Limits {
             kinds: Vec::new(),
         };
         this.kinds = this.all_kinds(blocks);
+        this.use_current_share(current_share_max);
         this
     }
 
@@ -144,40 +149,6 @@ impl Limits {
                 .any(|(row, _)| Around::holds(row, row.value(moves, &[])))
     }
 
-    /// From now on the current rows of these wheels are inactive.
-    pub fn drop_current_rows(&mut self, wheels: [bool; WHEELS_MAX]) {
-        self.dropped = wheels;
-    }
-
-    /// Wheels whose current rows are dropped.
-    pub(super) fn dropped(&self) -> [bool; WHEELS_MAX] {
-        self.dropped
-    }
-
-    /// From now on plans keep to a floor that can hold this share of the limit on currents, in the
-    /// mean over a period. The rows bound the current at its start, from where it decays with the
-    /// main model. Returns whether that is new.
-    pub(super) fn keep_to_grip(&mut self, grip: f64) -> bool {
-        let mean = 1.0 - self.main.end_share[0] * (1.0 - self.main.decay[0]);
-        self.use_current_share((grip / mean).min(1.0))
-    }
-
-    /// From now on plans use this share of the limit on currents. Returns whether that is new.
-    pub(super) fn use_current_share(&mut self, share: f64) -> bool {
-        let is_new = self.current_share != share;
-        if is_new {
-            let rows = self.inputs.current.unwrap_or_default();
-            self.current = rows.map(|row| row.map(|value| value / share));
-            self.current_share = share;
-        }
-        is_new
-    }
-
-    /// Share of the limit on currents that plans use.
-    pub(crate) fn current_share(&self) -> f64 {
-        self.current_share
-    }
-
     /// From now on plans keep to a drive that changes the rim speeds of its set points by no more
     /// than this in a period, if there is such a bound \[m/s\]. Returns whether that is new.
     pub(super) fn keep_to_ramp(&mut self, rim: Option<f64>) -> bool {
@@ -189,17 +160,6 @@ impl Limits {
     /// The bound of [`keep_to_ramp`](Self::keep_to_ramp).
     pub(super) fn ramp(&self) -> Option<f64> {
         self.ramp
-    }
-
-    /// Motor currents that a plan predicts for its first period.
-    pub(super) fn foretold_currents(&self, first: &Stage, after: &State) -> Foretold {
-        let unmodelled = self.unmodelled(&first.state.velocity, after);
-        let at = |velocity: &Velocity| {
-            let beyond =
-                std::array::from_fn(|axis| first.input[axis] - velocity[axis] + unmodelled[axis]);
-            self.inputs.current.unwrap_or_default().map(|row| dot(&row, &beyond))
-        };
-        Foretold { start: at(&first.state.velocity), end: at(&after.velocity) }
     }
 
     /// The limit of the robot that a plan reaches in its first period, if it reaches one. `after`
@@ -218,7 +178,7 @@ impl Limits {
         let full = REACHES * self.current_share;
         let is_full = |wheel: usize| !self.dropped[wheel] && currents[wheel].abs() >= full;
         if (0..*wheels).any(is_full) {
-            let is_floor = self.current_share < 1.0;
+            let is_floor = self.current_share < self.current_share_max;
             Some(if is_floor { RobotLimit::Grip } else { RobotLimit::MotorCurrent })
         } else if self.ramp.is_some() && is_ramped(&change) {
             Some(RobotLimit::Ramp)
@@ -229,17 +189,6 @@ impl Limits {
         } else {
             None
         }
-    }
-
-    /// The acceleration that the main model does not explain, as the u − v that would cause it:
-    /// (g + d)/(1 − A), with g + d the difference between the prediction and the main model. A
-    /// robot that slips, or whose speed loop has an integral part, drives steadily at u ≠ v without
-    /// much current. The value belongs to the plan, and is constant while the program is solved.
-    fn unmodelled(&self, before: &Velocity, after: &State) -> Velocity {
-        let expected = self.main.next_velocity(before, &after.acted);
-        std::array::from_fn(|axis| {
-            (after.velocity[axis] - expected[axis]) / (1.0 - self.main.decay[axis])
-        })
     }
 
     /// Moves the plan's states by `moves`, with unchanged inputs. The accelerations that the main

@@ -115,3 +115,24 @@ fn plans_keep_to_the_grip_of_the_floor_in_the_mean_over_a_period() -> Result<(),
     }
     Ok(())
 }
+
+#[test]
+fn a_stiff_loop_may_saturate_at_the_start_of_a_long_period() -> Result<(), MpcError> {
+    let mut robot = Robot::example();
+    // The mean of the current is 0.34 of its start at 0.1 s with the fourfold gain.
+    for (period, stiffer, most) in
+        [(0.1, 1.0, 1.0), (0.1, 4.0, 1.8), (0.1, 20.0, 2.0), (0.02, 4.0, 1.0)]
+    {
+        robot.drive = Robot::example().drive.map(|drive| Drive {
+            current_limit_a: 4.0,
+            speed_loop_gain_a_s_per_rad: stiffer * drive.speed_loop_gain_a_s_per_rad,
+            ..drive
+        });
+        let main = MainModel::new(&robot, period);
+        let mut mpc = Mpc::new(&settings(), &robot, &main)?;
+        let largest = largest_at_rest(&mut mpc, &robot, &Belief::of(&main));
+        assert!((largest - most).abs() < 0.03, "{largest} is not {most}, {period} s, {stiffer}");
+        assert_eq!(mpc.foretold_currents().most, mpc.limits().current_share());
+    }
+    Ok(())
+}
