@@ -9,7 +9,8 @@
 //! The motion is averaged over a time T, which limits the jerk along the path ([`TimeLaw`]). The
 //! mean would be faster than the slowest place allows, so each x is held for T/2 before and behind
 //! its place. The third derivative of the heading by its place is limited likewise, and on an entry
-//! that of the position. The jerk across the rest of a path follows from its curve and is not limited.
+//! that of the position. The jerk across the rest of a path follows from its curve, and is not
+//! limited.
 
 use crate::curve::{Curve, Path, Place};
 use crate::entry::Begin;
