@@ -198,6 +198,9 @@ fn a_robot_in_python_drives_on_after_the_bridge_is_killed() -> Outcome {
     for access in [Access::Open, Access::Certificates] {
         let script = clients().join("robot.py");
         let (launched, mut robot) = control_host(&script, access, "real-time", ("circle", &[]))?;
+        // The circle begins with the robot. A controller that starts seconds later stops a robot
+        // that is that far behind.
+        launched.process("controller", None)?;
         let mut robot = Reader::start(robot.args(CIRCLE).args(["--duration", "600"]))?;
         let drives = |robot: &mut Reader| -> Outcome {
             while fallback_level(robot.lines(1)?.first().ok_or("no line")?) != Some(1) {}
