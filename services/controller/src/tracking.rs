@@ -1,30 +1,32 @@
 //! Tracking error → a request to stop: the robot is farther from its reference than the robot file
 //! allows.
 //!
-//! The judge counts an error only while the controller's own commands act, and only after the error
-//! has been below the limit since the last [reset](TrackingJudge::reset). So a robot that begins
-//! far away, or that was cut off, catches up without a stop.
+//! The judge counts errors only while the controller's own commands act, and only after the robot has
+//! been near its reference since the last [reset](TrackingJudge::reset): both errors were below their
+//! limits in one period. So a robot that begins far away, or that was cut off, catches up without a
+//! stop, and may have another heading on its way.
 
 use model::{Pose, wrap};
 use protocol::message::{FallbackLevel, Reason};
 use robot::Robot;
 
-/// One limit, and whether it already counts.
+/// One limit, and the reason of a stop beyond it.
 #[derive(Debug, Clone, Copy)]
 struct Watched {
     /// `None` is no limit.
     limit: Option<f64>,
     reason: Reason,
-    /// The error has been below the limit.
-    counts: bool,
 }
 
 impl Watched {
+    /// Whether `error` is within the limit. NaN is not.
+    fn allows(&self, error: f64) -> bool {
+        self.limit.is_none_or(|limit| error < limit)
+    }
+
     /// Whether `error` is a reason to stop. NaN is not.
-    fn exceeds(&mut self, error: f64) -> bool {
-        let Some(limit) = self.limit else { return false };
-        self.counts |= error < limit;
-        self.counts && error > limit
+    fn exceeds(&self, error: f64) -> bool {
+        self.limit.is_some_and(|limit| error > limit)
     }
 }
 
@@ -32,28 +34,28 @@ impl Watched {
 #[derive(Debug, Clone)]
 pub struct TrackingJudge {
     watched: [Watched; 2],
+    /// The robot has been near its reference.
+    has_arrived: bool,
     request: Reason,
 }
 
 impl TrackingJudge {
     /// A judge with the limits of `robot`.
     pub fn new(robot: &Robot) -> Self {
-        let watch = |limit, reason| Watched { limit, reason, counts: false };
+        let watch = |limit, reason| Watched { limit, reason };
         Self {
             watched: [
                 watch(robot.tracking_error_m(), Reason::PositionError),
                 watch(robot.tracking_error_heading_rad(), Reason::HeadingError),
             ],
+            has_arrived: false,
             request: Reason::None,
         }
     }
 
     /// Resets: at a start, with another reference, after a brake.
     pub fn reset(&mut self) {
-        self.request = Reason::None;
-        for watched in &mut self.watched {
-            watched.counts = false;
-        }
+        (self.request, self.has_arrived) = (Reason::None, false);
     }
 
     /// Judges the robot at `pose` against `reference`, after a period on `fallback_level`.
@@ -67,10 +69,11 @@ impl TrackingJudge {
             FallbackLevel::FreshPlan | FallbackLevel::ShiftedPlan | FallbackLevel::Simple => {
                 let position = (pose[0] - reference[0]).hypot(pose[1] - reference[1]);
                 let heading = wrap(pose[2] - reference[2]).abs();
-                let mut errors = self.watched.iter_mut().zip([position, heading]);
-                let exceeded = errors
-                    .find_map(|(watched, error)| watched.exceeds(error).then_some(watched.reason));
-                self.request = exceeded.unwrap_or(Reason::None);
+                let errors = self.watched.iter().zip([position, heading]);
+                self.has_arrived |= errors.clone().all(|(watched, error)| watched.allows(error));
+                let mut exceeded = errors.filter(|(watched, error)| watched.exceeds(*error));
+                let reason = exceeded.next().map_or(Reason::None, |(watched, _)| watched.reason);
+                self.request = if self.has_arrived { reason } else { Reason::None };
             }
             FallbackLevel::StoredTail => self.request = Reason::None,
             FallbackLevel::Waiting | FallbackLevel::Brake | FallbackLevel::LatchedStop => {
@@ -148,6 +151,17 @@ mod tests {
         assert_eq!(requested(-3.0), Reason::None);
         assert_eq!(requested(0.5), Reason::HeadingError);
         assert_eq!(requested(1.5), Reason::None);
+    }
+
+    #[test]
+    fn a_robot_that_catches_up_may_have_another_heading_on_its_way() {
+        let mut judge = judge(TrackingLimit::At(1.0), TrackingLimit::Default);
+        let mut requested =
+            |x: f64, yaw: f64| judge.judge(&[x, 0.0, yaw], &[0.0; 3], FallbackLevel::FreshPlan);
+        assert_eq!([requested(4.0, 0.1), requested(2.0, 2.5)], [Reason::None; 2]);
+        assert_eq!([requested(0.5, 2.5), requested(0.5, 0.1)], [Reason::None; 2]);
+        assert_eq!(requested(0.5, 2.5), Reason::HeadingError);
+        assert_eq!(requested(2.0, 2.0), Reason::PositionError);
     }
 
     #[test]
