@@ -9,7 +9,7 @@ use crate::explanations::{Choice, Explanations, Model};
 use crate::identified::{self, Identified};
 use crate::pose::PoseFilter;
 use crate::settings::{DelaySetting, Method, Settings};
-use model::delay::{Delay, Sent};
+use model::delay::{Acting, Delay, Sent};
 use model::foresight::Foresight;
 use model::learned::{Moment, Residual};
 use model::main_model::{MainModel, fingerprint};
@@ -143,7 +143,7 @@ impl Knowledge {
             learned,
             foresight: self.foresight.as_deref(),
             disturbance: self.explanations.disturbance(),
-            delay_fraction: self.delay.fraction(),
+            split: self.delay.split(),
         }
     }
 
@@ -220,19 +220,21 @@ impl Knowledge {
     pub fn settle_delay(&mut self) {
         self.delay = match self.setting {
             DelaySetting::Estimated => self.response.delay(),
-            DelaySetting::KnownS(seconds) => Delay::of_periods(seconds / self.main.period),
+            DelaySetting::KnownS(seconds) => {
+                Delay::of_periods(seconds / self.main.period, &self.main)
+            }
             DelaySetting::Ignored => Delay::default(),
         };
     }
 
     /// The states from the measured one on, until a new command can act. Each has the input that
     /// acts in its period.
-    pub fn under_way(&self, measured: &State) -> impl Iterator<Item = (State, Velocity)> {
+    pub fn under_way(&self, measured: &State) -> impl Iterator<Item = (State, Acting)> {
         let mut state = *measured;
         (0..self.delay.whole()).map(move |ahead| {
             let sent = self.response.ramped(&self.sent);
             let (here, acting) = (state, sent.under_way(self.delay, ahead));
-            state = self.belief().predict(&here, &acting);
+            state = self.belief().predict(&here, acting);
             (here, acting)
         })
     }
@@ -241,7 +243,7 @@ impl Knowledge {
     pub fn ahead(&self, measured: &State) -> State {
         self.under_way(measured)
             .last()
-            .map_or(*measured, |(state, acting)| self.belief().predict(&state, &acting))
+            .map_or(*measured, |(state, acting)| self.belief().predict(&state, acting))
     }
 
     /// Puts a model in use. Returns the one before, for another thread to free.
@@ -276,7 +278,8 @@ impl Knowledge {
         let Period { tick, before, given, after } = period;
         self.sent.push(*given);
         self.response.update(&self.sent, &after.velocity, after.wheels.as_ref());
-        self.acted = self.response.ramped(&self.sent).acted(self.delay);
+        let acted = self.response.ramped(&self.sent).acted(self.delay);
+        self.acted = acted.input;
         self.residual = residual(&self.main, &before.velocity, &self.acted, &after.velocity);
         let known = if self.method == Method::Oracle {
             self.look(*tick);
@@ -288,6 +291,7 @@ impl Knowledge {
         let under_way = self.delay.whole();
         self.explanations.update(&at, &self.residual, &known, newest, under_way);
         let mean = self.main.mean_velocity(&before.velocity, &after.velocity);
+        let mean = std::array::from_fn(|axis| mean[axis] + acted.drift[axis]);
         self.pose.update(&mean, &after.pose);
         self.velocity = after.velocity;
     }

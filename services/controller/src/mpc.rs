@@ -28,6 +28,7 @@
 //! use controller::reference::ReferencePoint;
 //! use controller::settings::MpcSettings;
 //! use model::State;
+//! use model::delay::Split;
 //! use model::main_model::MainModel;
 //! use model::predict::Belief;
 //! use robot::{Robot, WHEELS_MAX};
@@ -41,8 +42,8 @@
 //! )?;
 //! let robot = Robot::example();
 //! let main = MainModel::new(&robot, 0.1);
-//! let (learned, foresight, disturbance, delay_fraction) = (None, None, [0.0; 3], 0.0);
-//! let belief = Belief { main: &main, learned, foresight, disturbance, delay_fraction };
+//! let (learned, foresight, disturbance, split) = (None, None, [0.0; 3], Split::default());
+//! let belief = Belief { main: &main, learned, foresight, disturbance, split };
 //! let mut mpc = Mpc::new(&settings, &robot, &main)?;
 //! // The robot rests 0.2 m to the right of where it is to rest.
 //! let (mut state, mut input) = (State { pose: [0.0, -0.2, 0.0], ..State::default() }, [0.0; 3]);
@@ -191,8 +192,6 @@ pub struct Mpc {
     target_disturbance: Velocity,
     tightening: Option<Tightening>,
     program: QuadraticProgram,
-    /// ∂x⁺/∂g of each step, for a program that is prepared.
-    by_disturbance: Vec<SMatrix<f64, 6, 3>>,
     /// The state and belief for which `program` was prepared, before the state arrived.
     expectation: Option<Expectation>,
     solver: Solver,
@@ -267,6 +266,8 @@ impl Mpc {
             by_state: SMatrix::identity(),
             by_input: SMatrix::zeros(),
             by_acted: SMatrix::zeros(),
+            by_difference: SMatrix::zeros(),
+            by_residual: SMatrix::zeros(),
         };
         Ok(Self {
             horizon,
@@ -285,7 +286,6 @@ impl Mpc {
             solution: vec![0.0; program.unknowns()],
             moves: vec![[0.0; WIDTH]; horizon + 1],
             program,
-            by_disturbance: vec![SMatrix::zeros(); horizon],
             expectation: None,
             solver,
             turn: Turn::default(),

@@ -13,10 +13,9 @@
 //! Reference: Hewing, Kabzan & Zeilinger, *Cautious Model Predictive Control Using Gaussian
 //! Process Regression*, 2020.
 
+use crate::AXES;
 use crate::Velocity;
-use crate::linearise::{Linearised, by_residual};
-use crate::main_model::MainModel;
-use crate::{AXES, State};
+use crate::linearise::Linearised;
 use nalgebra::{SMatrix, Vector3};
 
 /// Covariance of x, y, yaw, forward, left, yaw rate.
@@ -29,14 +28,12 @@ pub type Feedback = SMatrix<f64, AXES, 6>;
 /// \[(m/s)², (m/s)², (rad/s)²\]. Does not allocate.
 pub fn propagate(
     before: &Covariance,
-    main: &MainModel,
-    state: &State,
     step: &Linearised,
     feedback: &Feedback,
     noise: &Velocity,
 ) -> Covariance {
     let closed_loop = step.by_state + step.by_input * feedback;
-    let entry = by_residual(main, state, &step.next);
+    let entry = &step.by_residual;
     let scaled = entry * SMatrix::<f64, AXES, AXES>::from_diagonal(&Vector3::from(*noise));
     closed_loop * before * closed_loop.transpose() + scaled * entry.transpose()
 }
@@ -85,7 +82,9 @@ pub fn quantile(level: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::State;
     use crate::linearise::linearise;
+    use crate::main_model::MainModel;
     use crate::predict::Belief;
     use robot::Robot;
 
@@ -110,7 +109,7 @@ mod tests {
         let (mut xx, mut xv, mut vv) = (0.0, 0.0, 0.0);
         for _ in 0..10 {
             let step = linearise(&belief, &state, &[1.0, 0.0, 0.0]);
-            ours = propagate(&ours, &main, &state, &step, &feedback, &noise);
+            ours = propagate(&ours, &step, &feedback, &noise);
             state = step.next;
             // v⁺ = c x + d v + g, x⁺ = a x + b v + T w g
             let (c, d) = (-gain * kp, decay - gain * kv);
@@ -142,15 +141,8 @@ mod tests {
         let (mut steered, mut left_alone) = (Covariance::zeros(), Covariance::zeros());
         for _ in 0..20 {
             let step = linearise(&belief, &State::default(), &[0.0; 3]);
-            steered = propagate(&steered, &main, &State::default(), &step, &feedback, &[1e-4; 3]);
-            left_alone = propagate(
-                &left_alone,
-                &main,
-                &State::default(),
-                &step,
-                &Feedback::zeros(),
-                &[1e-4; 3],
-            );
+            steered = propagate(&steered, &step, &feedback, &[1e-4; 3]);
+            left_alone = propagate(&left_alone, &step, &Feedback::zeros(), &[1e-4; 3]);
         }
         assert!(steered[(1, 1)] < 0.5 * left_alone[(1, 1)]);
         close(steered[(0, 0)], left_alone[(0, 0)], 1e-15);

@@ -8,10 +8,11 @@
 //! ∂x⁺/∂p = (1, 0)      ∂x⁺/∂z ≈ (F(z + h) − F(z − h)) / 2h   for z = θ, v, u
 //! ```
 
-use crate::linearise::Linearised;
+use crate::delay::Acting;
+use crate::linearise::{Linearised, displacement, of_input};
 use crate::predict::Belief;
 use crate::{AXES, State, Velocity};
-use nalgebra::SMatrix;
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// h \[rad, m/s, rad/s\].
 const STEP: f64 = 1e-3;
@@ -32,12 +33,14 @@ pub(crate) fn advance(
     belief: &Belief<'_>,
     foresight: &dyn Foresight,
     state: &State,
-    input: &Velocity,
+    acting: &Acting,
 ) -> State {
+    let Acting { input, drift } = acting;
     let mut next = foresight.predict(state, input);
     let (main, disturbance) = (belief.main, &belief.disturbance);
-    let [forward, left, turn]: Velocity =
-        std::array::from_fn(|axis| main.period * main.end_share[axis] * disturbance[axis]);
+    let [forward, left, turn]: Velocity = std::array::from_fn(|axis| {
+        main.period * (main.end_share[axis] * disturbance[axis] + drift[axis])
+    });
     let (sin, cos) = (0.5 * (state.pose[2] + next.pose[2])).sin_cos();
     next.pose = [
         next.pose[0] + cos * forward - sin * left,
@@ -57,9 +60,10 @@ pub(crate) fn velocity_and_gain(
     input: &Velocity,
 ) -> (Velocity, Velocity) {
     let gain = std::array::from_fn(|axis| {
-        slope(|by| advance(belief, foresight, state, &moved(input, axis, by)))[axis + AXES]
+        let acting = |by| Acting::from(&moved(input, axis, by));
+        slope(|by| advance(belief, foresight, state, &acting(by)))[axis + AXES]
     });
-    (advance(belief, foresight, state, input).velocity, gain)
+    (advance(belief, foresight, state, &Acting::from(input)).velocity, gain)
 }
 
 /// Predicts one step and differentiates it. 15 predictions; does not allocate.
@@ -67,28 +71,36 @@ pub(crate) fn linearise(
     belief: &Belief<'_>,
     foresight: &dyn Foresight,
     state: &State,
-    input: &Velocity,
+    acting: &Acting,
 ) -> Linearised {
     let mut by_state = SMatrix::<f64, 6, 6>::identity();
     let turned = |by: f64| State { pose: moved(&state.pose, 2, by), ..*state };
     by_state
         .column_mut(2)
-        .copy_from_slice(&slope(|by| advance(belief, foresight, &turned(by), input)));
+        .copy_from_slice(&slope(|by| advance(belief, foresight, &turned(by), acting)));
     let mut by_input = SMatrix::<f64, 6, 3>::zeros();
     for axis in 0..AXES {
         let faster = |by: f64| State { velocity: moved(&state.velocity, axis, by), ..*state };
         by_state
             .column_mut(axis + AXES)
-            .copy_from_slice(&slope(|by| advance(belief, foresight, &faster(by), input)));
+            .copy_from_slice(&slope(|by| advance(belief, foresight, &faster(by), acting)));
         by_input.column_mut(axis).copy_from_slice(&slope(|by| {
-            advance(belief, foresight, state, &moved(input, axis, by))
+            let input = moved(&acting.input, axis, by);
+            advance(belief, foresight, state, &Acting { input, ..*acting })
         }));
     }
+    let next = advance(belief, foresight, state, acting);
+    let main = belief.main;
+    let mean = main.mean_velocity(&state.velocity, &next.velocity);
+    let (pose_by_mean, _) = displacement(main.period, state, &mean);
+    let share = |of: &Velocity| pose_by_mean * Matrix3::from_diagonal(&Vector3::from(*of));
     Linearised {
-        next: advance(belief, foresight, state, input),
+        next,
         by_state,
         by_input,
         by_acted: SMatrix::zeros(),
+        by_difference: of_input(&share(&belief.split.drift), &Matrix3::zeros()),
+        by_residual: of_input(&share(&main.end_share), &Matrix3::identity()),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The Jacobians of one predicted step, with those of the learned model.
 //!
-//! With W = w ∂v⁺/∂· + (1 − w) ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step
+//! With W = e ∂v⁺/∂· + (1 − e) ∂v/∂· for the mean velocity v̄, and θ' = θ + T ω̄/2 for the mid-step
 //! heading:
 //!
 //! ```text
@@ -8,12 +8,16 @@
 //! ∂v⁺/∂u = B + ∂g/∂u          ∂θ⁺/∂· = ∂θ/∂· + T W_ω
 //! ∂v⁺/∂u₋ = ∂g/∂u₋
 //! ```
+//! The difference of two commands that replace each other within the period moves the pose alone:
+//! there W is the drift per difference ([`crate::delay`]), and ∂v⁺ = 0.
+//!
 //! A main model with a [`Motion`] of its own has the pose Jacobians of that motion.
 
+use crate::delay::Acting;
 use crate::foresight;
 use crate::learned::Moment;
-use crate::main_model::{MainModel, Motion};
-use crate::predict::{Belief, advance};
+use crate::main_model::Motion;
+use crate::predict::{Belief, add, advance};
 use crate::{State, Velocity};
 use nalgebra::{Matrix3, RowVector3, SMatrix, Vector3};
 
@@ -28,15 +32,22 @@ pub struct Linearised {
     pub by_input: SMatrix<f64, 6, 3>,
     /// ∂x⁺/∂u₋, of the input that acted in the period before.
     pub by_acted: SMatrix<f64, 6, 3>,
+    /// ∂x⁺ per difference of the command before and the new one, of which each acts in a part of
+    /// the period. u stays the same.
+    pub by_difference: SMatrix<f64, 6, 3>,
+    /// ∂x⁺/∂g: how a residual of the step moves its end.
+    pub by_residual: SMatrix<f64, 6, 3>,
 }
 
 /// Predicts one step and differentiates it. Does not allocate.
-pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linearised {
+pub fn linearise(belief: &Belief<'_>, state: &State, acting: impl Into<Acting>) -> Linearised {
+    let acting = acting.into();
     if let Some(foresight) = belief.foresight {
-        return foresight::linearise(belief, foresight, state, input);
+        return foresight::linearise(belief, foresight, state, &acting);
     }
+    let input = &acting.input;
     let response = belief.response(&Moment::new(state, input));
-    let next = advance(belief, state, input, &response.mean);
+    let next = advance(belief, state, &acting, &response.mean);
 
     let velocity_by_velocity = Matrix3::from_fn(|row, column| {
         response.by_velocity[row][column] + if row == column { belief.main.decay[row] } else { 0.0 }
@@ -52,18 +63,23 @@ pub fn linearise(belief: &Belief<'_>, state: &State, input: &Velocity) -> Linear
             by_state: of_state(&moved.by_heading, &moved.by_velocity, &velocity_by_velocity),
             by_input: of_input(&moved.by_input, &velocity_by_input),
             by_acted: of_input(&Matrix3::zeros(), &velocity_by_acted),
+            by_difference: SMatrix::zeros(),
+            by_residual: of_input(&Matrix3::zeros(), &Matrix3::identity()),
         };
     }
-    let mean = belief.main.mean_velocity(&state.velocity, &next.velocity);
+    let mean = add(&belief.main.mean_velocity(&state.velocity, &next.velocity), &acting.drift);
     let share = Matrix3::from_diagonal(&Vector3::from(belief.main.end_share));
     let mean_by_velocity = Matrix3::identity() - share + share * velocity_by_velocity;
     let (pose_by_mean, by_heading) = displacement(belief.main.period, state, &mean);
+    let drift = Matrix3::from_diagonal(&Vector3::from(belief.split.drift));
     let driven = |velocity: &Matrix3<f64>| of_input(&(pose_by_mean * (share * velocity)), velocity);
     Linearised {
         next,
         by_state: of_state(&by_heading, &(pose_by_mean * mean_by_velocity), &velocity_by_velocity),
         by_input: driven(&velocity_by_input),
         by_acted: driven(&velocity_by_acted),
+        by_difference: of_input(&(pose_by_mean * drift), &Matrix3::zeros()),
+        by_residual: driven(&Matrix3::identity()),
     }
 }
 
@@ -82,28 +98,19 @@ fn of_state(
 }
 
 /// ∂x⁺ by an input, of its blocks.
-fn of_input(pose: &Matrix3<f64>, velocity: &Matrix3<f64>) -> SMatrix<f64, 6, 3> {
+pub(crate) fn of_input(pose: &Matrix3<f64>, velocity: &Matrix3<f64>) -> SMatrix<f64, 6, 3> {
     let mut by = SMatrix::<f64, 6, 3>::zeros();
     by.fixed_view_mut::<3, 3>(0, 0).copy_from(pose);
     by.fixed_view_mut::<3, 3>(3, 0).copy_from(velocity);
     by
 }
 
-/// ∂x⁺/∂g: how a residual of one step moves its end. Does not allocate.
-pub fn by_residual(main: &MainModel, state: &State, next: &State) -> SMatrix<f64, 6, 3> {
-    if main.motion != Motion::MeanVelocity {
-        return of_input(&Matrix3::zeros(), &Matrix3::identity());
-    }
-    let (pose_by_mean, _) =
-        displacement(main.period, state, &main.mean_velocity(&state.velocity, &next.velocity));
-    of_input(
-        &(pose_by_mean * Matrix3::from_diagonal(&Vector3::from(main.end_share))),
-        &Matrix3::identity(),
-    )
-}
-
 /// World displacement and turn per mean velocity, row by row, and the same per mid-step heading.
-fn displacement(period: f64, state: &State, mean: &Velocity) -> (Matrix3<f64>, Vector3<f64>) {
+pub(crate) fn displacement(
+    period: f64,
+    state: &State,
+    mean: &Velocity,
+) -> (Matrix3<f64>, Vector3<f64>) {
     let (sin, cos) = (state.pose[2] + 0.5 * period * mean[2]).sin_cos();
     let turned = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0) * period;
     let by_heading =
@@ -114,6 +121,7 @@ fn displacement(period: f64, state: &State, mean: &Velocity) -> (Matrix3<f64>, V
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::delay::Delay;
     use crate::gp::hyperparameters::Hyperparameters;
     use crate::gp::normalisation::Normalisation;
     use crate::gp::posterior::{Posterior, PosteriorError};
@@ -121,6 +129,7 @@ mod tests {
         INPUTS, INPUTS_WITH_HEADING, INPUTS_WITH_HISTORY, INPUTS_WITH_PLACE, Layout, Learned,
         Residual,
     };
+    use crate::main_model::MainModel;
     use proptest::prelude::*;
     use robot::Robot;
 
@@ -165,6 +174,8 @@ mod tests {
             pose in prop::array::uniform3(-3.0..3.0), velocity in prop::array::uniform3(-2.0..2.0),
             input in prop::array::uniform3(-2.0..2.0),
             acted in prop::array::uniform3(-2.0..2.0),
+            command_before in prop::array::uniform3(-2.0..2.0),
+            dead_time in prop_oneof![Just(0.0), 0.0..1.0],
             layout in 0..5_usize,
             lagging in any::<bool>()
         ) {
@@ -188,36 +199,42 @@ mod tests {
             let belief = Belief {
                 learned: Some(learned),
                 disturbance: [0.01, -0.02, 0.03],
+                split: Delay::of_periods(dead_time, &main).split(),
                 ..Belief::of(&main)
             };
-            let at = |x: [f64; 6], [u, acted]: [[f64; 3]; 2]| {
+            let drift = |difference: [f64; 3]| -> [f64; 3] {
+                std::array::from_fn(|axis| belief.split.drift[axis] * difference[axis])
+            };
+            let at = |x: [f64; 6], [input, acted, difference]: [[f64; 3]; 3]| {
                 let pose = [x[0], x[1], x[2]];
                 let velocity = [x[3], x[4], x[5]];
-                belief.predict(&State { pose, velocity, acted }, &u).to_array()
+                let acting = Acting { input, drift: drift(difference) };
+                belief.predict(&State { pose, velocity, acted }, acting).to_array()
             };
+            let acting = Acting { input, drift: drift(command_before) };
             let state = State { pose, velocity, acted };
-            let exact = linearise(&belief, &state, &input);
-            prop_assert_eq!(exact.next, belief.predict(&state, &input));
-            let (step, by_residual) = (1e-5, by_residual(&main, &state, &exact.next));
+            let exact = linearise(&belief, &state, acting);
+            prop_assert_eq!(exact.next, belief.predict(&state, acting));
+            let step = 1e-5;
             for axis in 0..3 {
                 let pushed = |by: f64| {
                     let disturbance = std::array::from_fn(|other| {
                         belief.disturbance[other] + if other == axis { by } else { 0.0 }
                     });
-                    Belief { disturbance, ..belief }.predict(&state, &input).to_array()
+                    Belief { disturbance, ..belief }.predict(&state, acting).to_array()
                 };
                 let (ahead, behind) = (pushed(step), pushed(-step));
                 for row in 0..6 {
                     let numeric = (ahead[row] - behind[row]) / (2.0 * step);
-                    prop_assert!((numeric - by_residual[(row, axis)]).abs() < 1e-8);
+                    prop_assert!((numeric - exact.by_residual[(row, axis)]).abs() < 1e-8);
                 }
             }
             // The heading has no Jacobian in the last two layouts, the position in the last one.
             let is_without =
                 |column| layout == 4 && column < 3 || layout == 3 && column == 2;
-            for column in (0..12).filter(|&column| !is_without(column)) {
+            for column in (0..15).filter(|&column| !is_without(column)) {
                 let moved = |by: f64| {
-                    let (mut x, mut u) = (state.to_array(), [input, acted]);
+                    let (mut x, mut u) = (state.to_array(), [input, acted, command_before]);
                     if column < 6 { x[column] += by } else { u[column / 3 - 2][column % 3] += by }
                     at(x, u)
                 };
@@ -227,7 +244,8 @@ mod tests {
                     let analytic = match column {
                         0..6 => exact.by_state[(row, column)],
                         6..9 => exact.by_input[(row, column - 6)],
-                        _ => exact.by_acted[(row, column - 9)],
+                        9..12 => exact.by_acted[(row, column - 9)],
+                        _ => exact.by_difference[(row, column - 12)],
                     };
                     prop_assert!(
                         (numeric - analytic).abs() < 1e-8,

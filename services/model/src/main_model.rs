@@ -22,7 +22,7 @@ pub struct MainModel {
     pub decay: Velocity,
     /// B per axis \[–\].
     pub gain: Velocity,
-    /// w per axis: weight of the end velocity in the mean velocity of a period \[–\].
+    /// e per axis: weight of the end velocity in the mean velocity of a period \[–\].
     pub end_share: Velocity,
     /// T \[s\].
     pub period: f64,
@@ -72,8 +72,8 @@ impl MainModel {
         }
     }
 
-    /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − w) v +
-    /// w v⁺ \[m/s, m/s, rad/s\].
+    /// Mean velocity of a period that began with `velocity` and ended with `next`, v̄ = (1 − e) v +
+    /// e v⁺ \[m/s, m/s, rad/s\].
     pub fn mean_velocity(&self, velocity: &Velocity, next: &Velocity) -> Velocity {
         std::array::from_fn(|axis| {
             velocity[axis] + self.end_share[axis] * (next[axis] - velocity[axis])
@@ -96,12 +96,12 @@ impl MainModel {
     }
 }
 
-/// w of an axis that decays by A in a period. The velocity in between is an exponential, and most
+/// e of an axis that decays by A in a period. The velocity in between is an exponential, and most
 /// of its change comes early:
 ///
 /// ```text
 /// v̄ = φ v + (1 − φ) v_∞,   φ = (1 − A)/(−ln A),   v⁺ = A v + (1 − A) v_∞
-/// ⇒   w = (1 − φ)/(1 − A)
+/// ⇒   e = (1 − φ)/(1 − A)
 /// ```
 /// ½ for a slow axis, 1 for one that responds at once.
 fn end_share(decay: f64) -> f64 {

@@ -2,15 +2,16 @@
 //!
 //! ```text
 //! v⁺ = A v + B u + g(v, u) + d
-//! v̄ = (1 − w) v + w v⁺
+//! v̄ = (1 − e) v + e v⁺ + drift
 //! θ⁺ = θ + T ω̄
 //! p⁺ = p + T R(θ + T ω̄/2) v̄
 //! ```
-//! This is the mean velocity of the period at its mid-step heading, with w of the main model. A
-//! main model with a [`Motion`] of its own moves the pose by that instead. Section 4.1 of the paper
-//! iterates the main model alone and adds g afterwards. Here g is fed back into the prediction, as
-//! in the paper's eq. 32.
+//! This is the mean velocity of the period at its mid-step heading, with e of the main model, and
+//! the drift of an input that changes within it ([`crate::delay`]). A main model with a [`Motion`]
+//! of its own moves the pose by that instead. Section 4.1 of the paper iterates the main model alone
+//! and adds g afterwards. Here g is fed back into the prediction, as in the paper's eq. 32.
 
+use crate::delay::{Acting, Split};
 use crate::foresight::{self, Foresight};
 use crate::learned::{Moment, Residual, Response};
 use crate::main_model::{MainModel, Motion};
@@ -28,14 +29,20 @@ pub struct Belief<'a> {
     pub foresight: Option<&'a dyn Foresight>,
     /// d, per period \[m/s, m/s, rad/s\].
     pub disturbance: Velocity,
-    /// w: share of the previous command in the acting input.
-    pub delay_fraction: f64,
+    /// The effect of a dead time that ends within a period.
+    pub split: Split,
 }
 
 impl<'a> Belief<'a> {
     /// The main model alone.
     pub fn of(main: &'a MainModel) -> Self {
-        Self { main, learned: None, foresight: None, disturbance: [0.0; AXES], delay_fraction: 0.0 }
+        Self {
+            main,
+            learned: None,
+            foresight: None,
+            disturbance: [0.0; AXES],
+            split: Split::default(),
+        }
     }
 }
 
@@ -81,18 +88,17 @@ impl Belief<'_> {
         self.learned.map_or(Response::NONE, |learned| learned.response(at))
     }
 
-    /// The input that acts when `input` is commanded after `before`: (1 − w) u + w u₋₁.
-    pub fn acting(&self, before: &Velocity, input: &Velocity) -> Velocity {
-        std::array::from_fn(|axis| {
-            self.delay_fraction.mul_add(before[axis] - input[axis], input[axis])
-        })
+    /// What acts when `input` is commanded after `before`.
+    pub fn acting(&self, before: &Velocity, input: &Velocity) -> Acting {
+        self.split.acting(before, input)
     }
 
     /// The state one period later, under the input that acts. Does not allocate.
-    pub fn predict(&self, state: &State, input: &Velocity) -> State {
+    pub fn predict(&self, state: &State, acting: impl Into<Acting>) -> State {
+        let acting = acting.into();
         match self.foresight {
-            Some(foresight) => foresight::advance(self, foresight, state, input),
-            None => advance(self, state, input, &self.residual(state, input)),
+            Some(foresight) => foresight::advance(self, foresight, state, &acting),
+            None => advance(self, state, &acting, &self.residual(state, &acting.input)),
         }
     }
 }
@@ -101,16 +107,17 @@ impl Belief<'_> {
 pub(crate) fn advance(
     belief: &Belief<'_>,
     state: &State,
-    input: &Velocity,
+    acting: &Acting,
     residual: &Velocity,
 ) -> State {
+    let Acting { input, drift } = acting;
     let expected = belief.main.next_velocity(&state.velocity, input);
     let velocity: Velocity =
         std::array::from_fn(|axis| expected[axis] + residual[axis] + belief.disturbance[axis]);
     if let Motion::RungeKutta(nodes) = &belief.main.motion {
         return State { pose: nodes.displace(state, input).pose, velocity, acted: *input };
     }
-    let mean = belief.main.mean_velocity(&state.velocity, &velocity);
+    let mean = add(&belief.main.mean_velocity(&state.velocity, &velocity), drift);
     let period = belief.main.period;
     let [x, y, yaw] = state.pose;
     let (sin, cos) = (yaw + 0.5 * period * mean[2]).sin_cos();
@@ -120,4 +127,9 @@ pub(crate) fn advance(
         yaw + period * mean[2],
     ];
     State { pose, velocity, acted: *input }
+}
+
+/// Sum of two velocities.
+pub(crate) fn add(a: &Velocity, b: &Velocity) -> Velocity {
+    std::array::from_fn(|axis| a[axis] + b[axis])
 }

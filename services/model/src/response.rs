@@ -47,7 +47,7 @@ use crate::learned::{Moment, Residual, Response};
 use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
 use follower::FOLLOWING_S;
-use hypothesis::{DEAD_TIMES, Hypotheses, Hypothesis, Period, better};
+use hypothesis::{FoundHypothesis, Hypotheses, Hypothesis, Period, better};
 use least_squares::Change;
 use ramp::Ramps;
 use robot::Wheels;
@@ -106,22 +106,23 @@ pub struct FoundResponse {
     /// Rate of the drive's ramp, if it has one \[m/s²\].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ramp_mps2: Option<f64>,
-    hypotheses: Vec<Hypothesis>,
+    hypotheses: Vec<FoundHypothesis>,
 }
 
 impl FoundResponse {
-    /// Whether an estimator can begin with it: it has the same dead times, and is finite.
-    fn is_usable(&self) -> bool {
-        let is_finite = |of: &Hypothesis| {
+    /// Whether an estimator of `hypotheses` can begin with it: it has the same dead times, and is
+    /// finite.
+    fn is_usable(&self, hypotheses: &Hypotheses) -> bool {
+        let is_finite = |of: &FoundHypothesis| {
             let fits = of.fits.iter().flat_map(|fit| {
                 fit.weights.as_flattened().iter().chain(fit.covariance.as_flattened())
             });
             fits.chain(&of.costs).all(|value| value.is_finite())
         };
-        let delays = self.hypotheses.iter().map(|of| of.delay.periods());
-        delays.eq(DEAD_TIMES)
+        let delays = self.hypotheses.iter().map(|of| of.delay);
+        delays.eq(hypotheses.iter().map(|of| of.delay.periods()))
             && self.ramp_mps2.is_none_or(|rate| rate.is_finite() && rate > 0.0)
-            && self.believed < DEAD_TIMES.len()
+            && self.believed < hypotheses.len()
             && self.hypotheses.iter().all(is_finite)
     }
 }
@@ -154,7 +155,7 @@ impl ResponseEstimator {
     pub fn new(main: &MainModel, wheels: &Wheels) -> Self {
         Self {
             main: *main,
-            hypotheses: Hypothesis::all(main),
+            hypotheses: Hypotheses::new(main),
             believed: 0,
             by_wheels: ByWheels::new(main),
             ramps: Ramps::new(main, wheels),
@@ -187,24 +188,26 @@ impl ResponseEstimator {
     /// Index of the dead time nearest to this one \[s\].
     fn nearest(&self, dead_time_s: f64) -> usize {
         let periods = dead_time_s / self.main.period;
-        let apart = |index: &usize| (DEAD_TIMES[*index] - periods).abs();
-        (0..DEAD_TIMES.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0)
+        let apart = |index: &usize| (self.hypotheses[*index].delay.periods() - periods).abs();
+        (0..self.hypotheses.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0)
     }
 
     /// The response identified so far. Allocates.
     pub fn found(&self) -> FoundResponse {
         let Self { believed, taken, hypotheses, .. } = self;
         let ramp_mps2 = self.ramps.rate();
-        let hypotheses = hypotheses.to_vec();
+        let hypotheses = hypotheses.iter().map(Hypothesis::found).collect();
         FoundResponse { believed: *believed, taken: *taken, ramp_mps2, hypotheses }
     }
 
     /// Continues from a response that was `found` by an estimator of the same main model. Returns
     /// false, and changes nothing, if it has other dead times or is not finite.
     pub fn begin_with(&mut self, found: &FoundResponse) -> bool {
-        let is_usable = found.is_usable();
+        let is_usable = found.is_usable(&self.hypotheses);
         if is_usable {
-            self.hypotheses.copy_from_slice(&found.hypotheses);
+            for (hypothesis, found) in self.hypotheses.iter_mut().zip(&found.hypotheses) {
+                hypothesis.begin_with(found);
+            }
             (self.taken, self.before) = (found.taken, None);
             self.ramps.select(found.ramp_mps2);
             self.believe(found.believed);
@@ -274,7 +277,7 @@ impl ResponseEstimator {
         let mut believed_errors = [0.0; AXES];
         for (index, hypothesis) in self.hypotheses.iter_mut().enumerate() {
             let frame = hypothesis.frame();
-            let errors = hypothesis.update(&period, &sent.acted(hypothesis.delay));
+            let errors = hypothesis.update(&period, &sent.acted(hypothesis.delay).input);
             if index == self.believed {
                 believed_errors = errors[frame];
             }
@@ -330,7 +333,7 @@ impl ResponseEstimator {
 
     /// Begins with the main model, because the inputs that acted were other ones than believed.
     fn begin_anew(&mut self) {
-        self.hypotheses = Hypothesis::all(&self.main);
+        self.hypotheses = Hypotheses::new(&self.main);
         (self.changes, self.taken) = ([Change::default(); AXES], 0);
         self.believe(self.nearest(self.ramps.delay().periods() * self.main.period));
     }
@@ -355,7 +358,8 @@ impl ResponseEstimator {
     fn select(&mut self) {
         let hypotheses = &self.hypotheses;
         let usable = |index: usize| hypotheses[index].believable();
-        let best = better(self.believed, usable, |index| hypotheses[index].cost());
+        let cost = |index: usize| hypotheses[index].cost();
+        let best = better(hypotheses.len(), self.believed, usable, cost);
         if self.taken >= PERIODS_LEAST {
             self.believed = best.unwrap_or(self.believed);
         }

@@ -129,7 +129,7 @@ impl Publisher {
         let (plan, mpc, under_way) = (&mut self.plan, &planner.mpc, knowledge.delay().whole());
         plan.horizon = (under_way + mpc.horizon()).min(HORIZON_MAX) as u32;
         for (k, (state, acting)) in knowledge.under_way(measured).enumerate() {
-            (plan.predicted[k], plan.input[k]) = (state.to_array(), acting);
+            (plan.predicted[k], plan.input[k]) = (state.to_array(), acting.input);
         }
         let states =
             mpc.stages().iter().map(|stage| &stage.state).chain(std::iter::once(mpc.terminal()));

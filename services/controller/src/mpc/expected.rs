@@ -26,7 +26,8 @@ use super::qp::{STATE, WIDTH};
 use super::solver::Turn;
 use super::{Mpc, ReferencePoint, Solved, Spent, Status};
 use crate::settings::Linearise;
-use model::linearise::{by_residual, linearise};
+use model::delay::Split;
+use model::linearise::linearise;
 use model::predict::Belief;
 use model::{State, Velocity};
 use nalgebra::SVector;
@@ -39,7 +40,7 @@ pub(super) struct Expectation {
     state: State,
     last_input: Velocity,
     disturbance: Velocity,
-    delay_fraction: f64,
+    split: Split,
     spent: Spent,
 }
 
@@ -48,9 +49,7 @@ impl Expectation {
     /// be written again.
     fn covers(&self, state: &State, last_input: &Velocity, belief: &Belief<'_>) -> bool {
         let turned = state.pose[2] - self.state.pose[2];
-        self.last_input == *last_input
-            && self.delay_fraction == belief.delay_fraction
-            && turned.abs() < PI
+        self.last_input == *last_input && self.split == belief.split && turned.abs() < PI
     }
 }
 
@@ -96,12 +95,7 @@ impl Mpc {
         if !self.predictable() {
             return;
         }
-        self.program.set_dynamics(&self.steps, belief.delay_fraction);
-        for ((of_disturbance, stage), step) in
-            self.by_disturbance.iter_mut().zip(&self.stages).zip(&self.steps)
-        {
-            *of_disturbance = by_residual(belief.main, &stage.state, &step.next);
-        }
+        self.program.set_dynamics(&self.steps, &belief.split);
         self.close_gaps();
         self.propagate_variance(reference, belief);
         let linearised = monotonic_nanos();
@@ -111,7 +105,7 @@ impl Mpc {
             state: stage.state,
             last_input: *last_input,
             disturbance: belief.disturbance,
-            delay_fraction: belief.delay_fraction,
+            split: belief.split,
             spent: Spent {
                 linearise_nanos: linearised - begin,
                 solve_nanos: monotonic_nanos() - linearised,
@@ -165,15 +159,15 @@ impl Mpc {
             (less(&state.acted, &expected.state.acted), less(disturbance, &expected.disturbance));
         let mut moved = SVector::<f64, STATE>::from(state.to_array())
             - SVector::from(expected.state.to_array());
-        let mut dynamics = self.steps.iter().zip(&self.by_disturbance);
+        let mut dynamics = self.steps.iter();
         let states =
             self.stages.iter_mut().map(|stage| &mut stage.state).chain([&mut self.terminal]);
         for (k, (slot, state)) in self.moves.iter_mut().zip(states).enumerate() {
             *slot = [0.0; WIDTH];
             slot[..STATE].copy_from_slice(moved.as_slice());
             move_by(state, slot);
-            let Some((step, by_disturbance)) = dynamics.next() else { break };
-            moved = step.by_state * moved + by_disturbance * disturbance;
+            let Some(step) = dynamics.next() else { break };
+            moved = step.by_state * moved + step.by_residual * disturbance;
             if k == 0 {
                 moved += step.by_acted * acted;
             }
@@ -192,8 +186,8 @@ impl Mpc {
             };
             stage.state.acted = acted.unwrap_or(stage.state.acted);
             let acting = belief.acting(&before, &stage.input);
-            *step = linearise(belief, &stage.state, &acting);
-            (before, acted) = (stage.input, Some(acting));
+            *step = linearise(belief, &stage.state, acting);
+            (before, acted) = (stage.input, Some(acting.input));
         }
         self.terminal.acted = acted.unwrap_or(self.terminal.acted);
     }

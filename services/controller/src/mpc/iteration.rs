@@ -40,7 +40,7 @@ impl Mpc {
         }
         self.propagate_variance(reference, belief);
         let linearised = monotonic_nanos();
-        self.program.set_dynamics(&self.steps, belief.delay_fraction);
+        self.program.set_dynamics(&self.steps, &belief.split);
         self.build(last_input, reference);
         let mut outcome = self.solver.solve(&self.program, &mut self.solution, &self.turn);
         self.take(&mut outcome);
@@ -66,7 +66,7 @@ impl Mpc {
         let Some(expected) = self.stages.first().map(|stage| stage.state) else { return };
         self.roll_out(&expected, last_input, belief);
         if self.predictable() {
-            self.program.set_dynamics(&self.steps, belief.delay_fraction);
+            self.program.set_dynamics(&self.steps, &belief.split);
             self.propagate_variance(reference, belief);
             self.build(last_input, reference);
             let _answer = self.solver.solve(&self.program, &mut self.solution, &Turn::default());
@@ -93,7 +93,7 @@ impl Mpc {
                 return;
             };
             stage.state = at;
-            *step = linearise(belief, &at, &belief.acting(&before, &stage.input));
+            *step = linearise(belief, &at, belief.acting(&before, &stage.input));
             (at, before) = (step.next, stage.input);
         }
         self.terminal = at;
@@ -146,15 +146,17 @@ impl Mpc {
     /// Propagates the variance of the prediction, if bounds are tightened.
     pub(super) fn propagate_variance(&mut self, reference: &[ReferencePoint], belief: &Belief<'_>) {
         let Some(tightening) = &mut self.tightening else { return };
-        if let (Some(stage), Some(step)) = (self.stages.first(), self.steps.first()) {
-            tightening.leave_unanswered(belief.main, &stage.state, step);
+        if let Some(step) = self.steps.first() {
+            tightening.leave_unanswered(step);
         }
         for (k, ((stage, step), point)) in
             self.stages.iter().zip(&self.steps).zip(reference).enumerate()
         {
-            let feedback = self.cost.feedback(&TrackingError::new(&stage.state, point))
-                * (1.0 - belief.delay_fraction);
-            tightening.propagate(k, belief.main, &stage.state, step, &feedback);
+            let mut feedback = self.cost.feedback(&TrackingError::new(&stage.state, point));
+            for (axis, before) in belief.split.before.iter().enumerate() {
+                feedback.row_mut(axis).scale_mut(1.0 - before);
+            }
+            tightening.propagate(k, step, &feedback);
         }
     }
 

@@ -11,6 +11,7 @@
 //! input, a of the input that acted in the previous period. From period C on no input is free, and
 //! p stays constant.
 
+use model::delay::Split;
 use model::linearise::Linearised;
 use nalgebra::SMatrix;
 
@@ -163,40 +164,41 @@ impl QuadraticProgram {
     /// Writes F and G for new Jacobians:
     ///
     /// ```text
-    /// x⁺ = A x + B α + C a      p⁺ = u      a⁺ = α = (1 − w) u + w p      w: `delay_fraction`
+    /// x⁺ = A x + B α + C a + D (p − u)      p⁺ = u      a⁺ = α = (1 − β) u + β p
     /// ```
-    /// where u = p from period C on. O(N), does not allocate.
-    pub fn set_dynamics(&mut self, steps: &[Linearised], delay_fraction: f64) {
+    /// with β and D of `split`, where u = p from period C on. O(N), does not allocate.
+    pub fn set_dynamics(&mut self, steps: &[Linearised], split: &Split) {
+        let is_split = *split != Split::default();
         let looks_back = steps.iter().any(|step| step.by_acted.iter().any(|value| *value != 0.0));
-        let remembers = looks_back
-            || delay_fraction != 0.0
-            || self.penalties.change != 0.0
-            || self.blocks < self.horizon();
+        let remembers =
+            looks_back || is_split || self.penalties.change != 0.0 || self.blocks < self.horizon();
         self.entries = match (
             remembers || self.rows.iter().any(|row| row.first == BEFORE),
-            looks_back && delay_fraction != 0.0,
+            looks_back && is_split,
         ) {
             (_, true) => WIDTH,
             (true, false) => ACTED,
             (false, false) => STATE,
         };
         for (k, (stage, step)) in self.stages.iter_mut().zip(steps).enumerate() {
-            let (free, delayed) =
-                if k < self.blocks { (1.0 - delay_fraction, delay_fraction) } else { (0.0, 1.0) };
+            let is_free = k < self.blocks;
             for (column, by) in stage.transition.iter_mut().zip(step.by_state.column_iter()) {
                 column[..STATE].copy_from_slice(by.as_slice());
             }
             for i in 0..INPUT {
                 let (mut input, mut before, mut acted) = ([0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH]);
+                let (free, delayed) =
+                    if is_free { (1.0 - split.before[i], split.before[i]) } else { (0.0, 1.0) };
                 for row in 0..STATE {
-                    (input[row], before[row]) =
-                        (free * step.by_input[(row, i)], delayed * step.by_input[(row, i)]);
-                    // Without a delay fraction, a = p.
-                    let remembered = if delay_fraction == 0.0 { &mut before } else { &mut acted };
+                    let difference = if is_free { step.by_difference[(row, i)] } else { 0.0 };
+                    input[row] = free * step.by_input[(row, i)] - difference;
+                    before[row] = delayed * step.by_input[(row, i)] + difference;
+                    // Without a dead time within the period, a = p.
+                    let remembered = if is_split { &mut acted } else { &mut before };
                     remembered[row] += step.by_acted[(row, i)];
                 }
                 (input[BEFORE + i], before[BEFORE + i]) =
-                    if k < self.blocks { (1.0, 0.0) } else { (0.0, 1.0) };
+                    if is_free { (1.0, 0.0) } else { (0.0, 1.0) };
                 (input[ACTED + i], before[ACTED + i]) = (free, delayed);
                 (stage.drive[i], stage.transition[BEFORE + i], stage.transition[ACTED + i]) =
                     (input, before, acted);

@@ -2,6 +2,7 @@ use super::*;
 use crate::settings::{
     DelaySetting, Identify, Linearise, Method, Observers, SolverSetting, StateLimits, Weights,
 };
+use model::delay::Delay;
 use model::learned::{Moment, Residual, Response};
 use proptest::prelude::*;
 use robot::Drive;
@@ -65,7 +66,7 @@ fn true_cost(
     for (k, stage) in mpc.stages.iter().enumerate() {
         let deviation = deviation[k.min(mpc.blocks - 1)];
         let input: Velocity = std::array::from_fn(|axis| stage.target[axis] + deviation[axis]);
-        at = belief.predict(&at, &belief.acting(&before, &input));
+        at = belief.predict(&at, belief.acting(&before, &input));
         let factor = if k + 1 == mpc.horizon { w.terminal_factor } else { 1.0 };
         let error = TrackingError::new(&at, &reference[k + 1]);
         cost += 0.5 * factor * error.value.iter().zip(q).map(|(e, q)| q * e * e).sum::<f64>();
@@ -105,7 +106,7 @@ proptest! {
         pose in prop::array::uniform3(-0.4..0.4_f64),
         velocity in prop::array::uniform3(-0.8..0.8_f64),
         input in prop::array::uniform3(-0.5..0.5_f64),
-        delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
+        dead_time in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
         let learned = echoes.then_some(&Echo as &dyn Residual);
@@ -114,7 +115,7 @@ proptest! {
             learned,
             foresight: None,
             disturbance: [0.02, -0.01, 0.03],
-            delay_fraction,
+            split: Delay::of_periods(dead_time, &main).split(),
         };
         let mut mpc = Mpc::new(&settings(), &Robot::example(), &main)
             .map_err(|e| TestCaseError::fail(e.to_string()))?;
@@ -122,7 +123,7 @@ proptest! {
         mpc.begin_at(&state);
         mpc.prepare(&reference, &belief);
         mpc.roll_out(&state, &input, &belief);
-        mpc.program.set_dynamics(&mpc.steps, belief.delay_fraction);
+        mpc.program.set_dynamics(&mpc.steps, &belief.split);
         mpc.build(&input, &reference);
         let gradient = oracle::Dense::of(&mpc.program).gradient;
         let deviation = mpc.deviation.clone();
@@ -195,7 +196,7 @@ proptest! {
         velocity in prop::array::uniform2(-0.6..0.6_f64),
         acted in prop::array::uniform2(-0.5..0.5_f64),
         push in prop::array::uniform2(-0.05..0.05_f64),
-        delay_fraction in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
+        dead_time in prop_oneof![Just(0.0), 0.0..1.0_f64], echoes in any::<bool>()
     ) {
         let main = MainModel::new(&Robot::example(), 0.1);
         let learned = echoes.then_some(&Echo as &dyn Residual);
@@ -204,7 +205,7 @@ proptest! {
             learned,
             foresight: None,
             disturbance: [0.01, -0.02, 0.0],
-            delay_fraction,
+            split: Delay::of_periods(dead_time, &main).split(),
         };
         let surprised = Belief { disturbance: [push[0], push[1], 0.0], ..belief };
         let start =

@@ -12,10 +12,9 @@
 //! With a transport delay, the controller cannot react to errors of the periods under way. They are
 //! added, and count as errors of the first step.
 
+use model::Velocity;
 use model::covariance::{Covariance, Feedback, deviation, propagate, quantile};
 use model::linearise::Linearised;
-use model::main_model::MainModel;
-use model::{State, Velocity};
 use nalgebra::SVector;
 
 /// Σ along the horizon. Does not allocate after set-up.
@@ -59,28 +58,20 @@ impl Tightening {
     }
 
     /// Computes the errors that can occur in the periods under way.
-    pub(super) fn leave_unanswered(&mut self, main: &MainModel, state: &State, step: &Linearised) {
+    pub(super) fn leave_unanswered(&mut self, step: &Linearised) {
         self.unanswered = Covariance::zeros();
         let noise = self.noise.first().copied().unwrap_or_default();
         for _ in 0..self.under_way {
-            self.unanswered =
-                propagate(&self.unanswered, main, state, step, &Feedback::zeros(), &noise);
+            self.unanswered = propagate(&self.unanswered, step, &Feedback::zeros(), &noise);
         }
     }
 
     /// Σ_{k+1} from Σ_k.
-    pub(super) fn propagate(
-        &mut self,
-        k: usize,
-        main: &MainModel,
-        state: &State,
-        step: &Linearised,
-        feedback: &Feedback,
-    ) {
+    pub(super) fn propagate(&mut self, k: usize, step: &Linearised, feedback: &Feedback) {
         if let (Some([before, after]), Some(noise)) =
             (self.covariance.get_mut(k..k + 2), self.noise.get(k))
         {
-            *after = propagate(before, main, state, step, feedback, noise);
+            *after = propagate(before, step, feedback, noise);
         }
     }
 
@@ -95,10 +86,11 @@ impl Tightening {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::mpc::tests::{circle, settings};
     use crate::mpc::{Mpc, MpcError};
     use crate::settings::StateLimits;
+    use model::State;
+    use model::main_model::MainModel;
     use model::predict::Belief;
     use robot::Robot;
 

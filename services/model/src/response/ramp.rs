@@ -165,7 +165,7 @@ impl Ramps {
         self.taken = self.taken.saturating_add(1);
         for ramp in &mut self.candidates {
             for follower in &mut ramp.followers {
-                follower.update(period, &ramp.sent.acted(follower.hypothesis.delay));
+                follower.update(period, &ramp.sent.acted(follower.hypothesis.delay).input);
             }
         }
         let errors = self.candidates.each_ref().map(Ramp::errors);

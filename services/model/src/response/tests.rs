@@ -1,3 +1,4 @@
+use super::hypothesis::{DEAD_TIMES, DEAD_TIMES_LONG};
 use super::*;
 use proptest::prelude::*;
 use robot::Robot;
@@ -27,8 +28,20 @@ fn found_changing(
     count: usize,
     kept: f64,
 ) -> ResponseEstimator {
-    let main = MainModel::new(&Robot::example(), 0.02);
-    let delay = Delay::of_periods(periods);
+    found_in(0.02, periods, truth, noise, count, kept)
+}
+
+/// The same for another control period \[s\].
+fn found_in(
+    period_s: f64,
+    periods: f64,
+    truth: impl Fn(usize) -> [FirstOrder; AXES],
+    noise: f64,
+    count: usize,
+    kept: f64,
+) -> ResponseEstimator {
+    let main = MainModel::new(&Robot::example(), period_s);
+    let delay = Delay::of_periods(periods, &main);
     let (mut sent, mut estimator) =
         (Sent::default(), ResponseEstimator::new(&main, &Robot::example().wheels));
     let mut velocity = [0.0; AXES];
@@ -36,7 +49,7 @@ fn found_changing(
         sent.push(std::array::from_fn(|axis| {
             (0.31 * (k + 7 * axis) as f64).sin() + 0.2 * (1.3 * k as f64).cos()
         }));
-        let acted = sent.acted(delay);
+        let acted = sent.acted(delay).input;
         let turning = turning(&main, &velocity).mean;
         velocity = std::array::from_fn(|axis| {
             let FirstOrder { decay, gain, offset } = truth(k)[axis];
@@ -104,6 +117,17 @@ proptest! {
         let step = if periods < 1.5 { 0.25 } else if periods < 3.0 { 0.5 } else { 1.0 };
         let delay = found(periods, soft(0.7), 0.0, 150).delay().periods();
         prop_assert!((delay - periods).abs() < step, "{delay} is not {periods}");
+    }
+
+    #[test]
+    fn in_a_long_period_the_dead_time_is_found_within_an_eighth_of_it(
+        which in 0..DEAD_TIMES_LONG.len(),
+        decay in 0.3..0.7_f64,
+    ) {
+        let (periods, truth) = (DEAD_TIMES_LONG[which], soft(decay));
+        let delay = found_in(0.1, periods, |_| truth, 0.0, 300, 0.0).delay().periods();
+        let step = if periods < 1.5 { 0.125 } else { 0.5 };
+        prop_assert!((delay - periods).abs() <= step, "{delay} is not {periods}");
     }
 
     #[test]
@@ -213,14 +237,14 @@ fn a_change_of_the_robot_is_found_within_three_seconds() {
 /// mm/s on its velocity, is known and stays so.
 fn known_after(periods: f64, count: usize, with_wheels: bool, slip: f64) -> Option<usize> {
     let main = MainModel::new(&Robot::example(), 0.02);
-    let delay = Delay::of_periods(periods);
+    let delay = Delay::of_periods(periods, &main);
     let (mut sent, mut estimator) =
         (Sent::default(), ResponseEstimator::new(&main, &Robot::example().wheels));
     let (mut wheels, mut body, mut known) = ([0.0; AXES], [0.0; AXES], None);
     for k in 0..count {
         let start = (0.01 * k as f64).min(0.3);
         sent.push([start + 0.05 * (0.1 * k as f64).sin(), 0.03 * (0.17 * k as f64).sin(), 0.0]);
-        let acted = sent.acted(delay);
+        let acted = sent.acted(delay).input;
         wheels = std::array::from_fn(|axis| 0.9 * wheels[axis] + 0.1 * acted[axis]);
         // The body of a robot that slides follows its wheels late.
         body = std::array::from_fn(|axis| slip * body[axis] + (1.0 - slip) * wheels[axis]);
@@ -256,7 +280,7 @@ fn wheels_that_stand_still_and_wheels_that_are_not_finite_change_nothing() {
         let (mut sent, mut velocity) = (Sent::default(), [0.0; AXES]);
         for k in 0..300 {
             sent.push([(0.3 * f64::from(k)).sin(), 0.0, 0.2]);
-            let acted = sent.acted(Delay::of_periods(3.0));
+            let acted = sent.acted(Delay::of_periods(3.0, &main)).input;
             velocity = std::array::from_fn(|axis| 0.7 * velocity[axis] + 0.3 * acted[axis]);
             with.update(&sent, &velocity, Some(&wheels));
             without.update(&sent, &velocity, None);
@@ -300,13 +324,13 @@ fn wheels_that_lose_the_floor_hardly_change_the_response() {
 /// a course with jumps, as on a square. The speed loop of each wheel has the poles `poles`.
 fn found_ramped(rate: f64, poles: [f64; 2], periods: f64) -> ResponseEstimator {
     let (main, wheels) = (MainModel::new(&Robot::example(), 0.02), Robot::example().wheels);
-    let (delay, mut sent) = (Delay::of_periods(periods), Sent::default());
+    let (delay, mut sent) = (Delay::of_periods(periods, &main), Sent::default());
     let mut estimator = ResponseEstimator::new(&main, &wheels);
     let (mut set_points, mut speeds) = ([0.0; robot::WHEELS_MAX], [[0.0; robot::WHEELS_MAX]; 2]);
     for k in 0..600_u32 {
         let jump = [0.5, -0.5, 0.1, 0.9][k as usize / 40 % 4];
         sent.push([jump, 0.3 * (0.05 * f64::from(k)).sin(), 0.2]);
-        let goals = wheels.speeds(sent.acted(delay));
+        let goals = wheels.speeds(sent.acted(delay).input);
         for (wheel, radius) in wheels.radii_m().iter().enumerate() {
             let most = rate * main.period / radius;
             let change = (goals[wheel] - set_points[wheel]).clamp(-most, most);

@@ -3,7 +3,7 @@
 
 use super::PERIODS_LEAST;
 use super::follower::{Errors, Follower};
-use super::hypothesis::{DEAD_TIMES, Hypotheses, Hypothesis, Period, better};
+use super::hypothesis::{Hypotheses, PerDeadTime, Period, better};
 use crate::Velocity;
 use crate::delay::Sent;
 use crate::main_model::MainModel;
@@ -11,7 +11,7 @@ use crate::main_model::MainModel;
 /// Proposes a dead time. Does not allocate.
 #[derive(Debug, Clone)]
 pub(super) struct ByWheels {
-    followers: [Follower; DEAD_TIMES.len()],
+    followers: PerDeadTime<Follower>,
     /// Index of the proposed dead time.
     proposed: usize,
     taken: u32,
@@ -20,16 +20,12 @@ pub(super) struct ByWheels {
 impl ByWheels {
     /// Begins with `main` and no dead time.
     pub(super) fn new(main: &MainModel) -> Self {
-        Self {
-            followers: Hypothesis::all(main).each_ref().map(Follower::new),
-            proposed: 0,
-            taken: 0,
-        }
+        Self { followers: Hypotheses::new(main).map(Follower::new), proposed: 0, taken: 0 }
     }
 
     /// Begins with these responses, and with this dead time.
     pub(super) fn begin_with(&mut self, hypotheses: &Hypotheses, proposed: usize) {
-        self.followers = hypotheses.each_ref().map(Follower::new);
+        self.followers = hypotheses.map(Follower::new);
         (self.proposed, self.taken) = (proposed, 0);
     }
 
@@ -52,8 +48,8 @@ impl ByWheels {
     /// is one.
     pub(super) fn update(&mut self, period: &Period, sent: &Sent) -> Option<usize> {
         self.taken = self.taken.saturating_add(1);
-        for follower in &mut self.followers {
-            follower.update(period, &sent.acted(follower.hypothesis.delay));
+        for follower in self.followers.iter_mut() {
+            follower.update(period, &sent.acted(follower.hypothesis.delay).input);
         }
         let of = |index: usize| &self.followers[index];
         let present = of(self.proposed).hypothesis.cost();
@@ -61,7 +57,8 @@ impl ByWheels {
             of(index).hypothesis.believable() && of(index).hypothesis.cost() <= present
         };
         if self.taken >= PERIODS_LEAST {
-            let best = better(self.proposed, usable, |index| of(index).cost());
+            let best =
+                better(self.followers.len(), self.proposed, usable, |index| of(index).cost());
             self.proposed = best.unwrap_or(self.proposed);
         }
         (self.taken >= PERIODS_LEAST).then_some(self.proposed)

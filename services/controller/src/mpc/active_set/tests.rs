@@ -5,6 +5,7 @@ use crate::mpc::qp::{BEFORE, Penalties, Row, STATE};
 use crate::mpc::solver::Solver;
 use crate::settings::SolverSetting;
 use model::State;
+use model::delay::Split;
 use model::linearise::Linearised;
 use nalgebra::SMatrix;
 use proptest::prelude::*;
@@ -84,7 +85,7 @@ fn program(numbers: &mut Numbers, shape: Shape) -> QuadraticProgram {
     let penalties = Penalties { input: 0.1, change, slack: 100.0, slack_curvature: 1.0 };
     let mut program =
         QuadraticProgram::new(shape.horizon, shape.blocks, shape.slacks, rows, penalties);
-    let looks_back = numbers.once_in(2);
+    let (looks_back, is_split) = (numbers.once_in(2), numbers.once_in(2));
     let scale: [f64; 3] =
         std::array::from_fn(|_| 10_f64.powf(0.25 * shape.decades * numbers.next()));
     let steps: Vec<Linearised> = (0..shape.horizon)
@@ -93,9 +94,12 @@ fn program(numbers: &mut Numbers, shape: Shape) -> QuadraticProgram {
             by_state: SMatrix::identity() * 0.8 + numbers.matrix(0.2),
             by_input: numbers.matrix::<6, 3>(1.0) * SMatrix::from_diagonal(&scale.into()),
             by_acted: if looks_back { numbers.matrix(0.3) } else { SMatrix::zeros() },
+            by_difference: if is_split { numbers.matrix(0.2) } else { SMatrix::zeros() },
+            by_residual: SMatrix::zeros(),
         })
         .collect();
-    program.set_dynamics(&steps, if numbers.once_in(2) { 0.5 + 0.5 * numbers.next() } else { 0.0 });
+    let before = if is_split { [0.5 + 0.5 * numbers.next(); 3] } else { [0.0; 3] };
+    program.set_dynamics(&steps, &Split { before, drift: [0.0; 3] });
     for (k, stage) in program.stages.iter_mut().enumerate().skip(1) {
         let factor = numbers.matrix::<4, STATE>(1.0);
         stage.curvature = factor.tr_mul(&factor);
