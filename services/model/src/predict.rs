@@ -8,8 +8,8 @@
 //! ```
 //! This is the mean velocity of the period at its mid-step heading, with e of the main model, and
 //! the drift of an input that changes within it ([`crate::delay`]). A main model with a [`Motion`]
-//! of its own moves the pose by that instead. Section 4.1 of the paper iterates the main model alone
-//! and adds g afterwards. Here g is fed back into the prediction, as in the paper's eq. 32.
+//! of its own moves the pose by that instead. Section 4.1 of the paper iterates the main model
+//! alone and adds g afterwards. Here g is fed back into the prediction, as in the paper's eq. 32.
 
 use crate::delay::{Acting, Split};
 use crate::foresight::{self, Foresight};
