@@ -1,10 +1,10 @@
 //! Tracking error → a request to stop: the robot is farther from its reference than the robot file
 //! allows.
 //!
-//! The judge counts errors only while the controller's own commands act, and only after the robot has
-//! been near its reference since the last [reset](TrackingJudge::reset): both errors were below their
-//! limits in one period. So a robot that begins far away, or that was cut off, catches up without a
-//! stop, and may have another heading on its way.
+//! The judge counts errors only while the controller's own commands act, and only after the robot
+//! has been near its reference since the last [reset](TrackingJudge::reset): both errors were below
+//! their limits in one period. So a robot that begins far away, or that was cut off, catches up
+//! without a stop, and may have another heading on its way.
 
 use model::{Pose, wrap};
 use protocol::message::{FallbackLevel, Reason};
