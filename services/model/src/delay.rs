@@ -11,15 +11,15 @@
 //! v̄ = (1 − e) v + e v⁺ + ε K (c_{k−n−1} − c_{k−n})          ε = w − (τ/T + e) (A^{1−w} − A)
 //! ```
 //! K = B/(1 − A) is the gain, and e the weight of the end velocity in the mean of a period with one
-//! input. For a slow axis β = w and ε = 0, which is used in short periods. An axis that responds at
-//! once has β = 0 and ε = w.
+//! input. For a slow axis β = w and ε = 0; short periods use this for every axis. An axis that
+//! responds at once has β = 0 and ε = w.
 //!
 //! Reference: Åström, Wittenmark, *Computer-Controlled Systems*, 3rd ed., section 2.3.
 
 use crate::main_model::MainModel;
 use crate::{AXES, Velocity};
 
-/// Shortest long period \[s\]. An axis hardly responds within a shorter one.
+/// Shortest long period \[s\]. In shorter ones β = w measures as well (decision 53).
 pub const LONG_PERIOD_S: f64 = 0.05;
 
 /// Longest dead time that is compensated \[periods\].
